@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
-from .layout import FIXED, GROUPS, Values, centred, key
+from .layout import FIXED, GROUPS, LEVELS, Values, centred, key
 from .packing import packing
 from .schema import (
     COVERAGE_STATUS,
@@ -108,9 +108,9 @@ def shape_problems(shapes: Mapping[str, tuple[int, ...]]) -> list[str]:
     return found
 
 
-def value_problems(values: Values, errors: Any = None) -> list[str]:
+def value_problems(values: Values, errors: Any) -> list[str]:
     """Problems of the values, one line each; the shapes must be consistent. ``errors``: the error
-    model with ``min_detection``, of values with claims.
+    model with ``min_detection``.
     """
     return lines(found for part in PARTS for found in part_findings(part, values, errors))
 
@@ -121,8 +121,6 @@ def part_findings(part: str, values: Values, errors: Any) -> Iterator[Finding]:
     """
     for check in _CHECKS[part]:
         yield from check(values)
-    if "image_scale" not in values:
-        return
     least = errors.get("min_detection") if isinstance(errors, dict) else None
     if not (isinstance(least, int | float) and 0.0 < least <= 1.0):
         yield Finding("errors", "has no min_detection in 0..1")
@@ -162,7 +160,7 @@ def text_problems(
     ]
     found += _plane_problems(**groups["overview"])
     plane: Mapping[str, float | str] = {"projection": ORTHOGRAPHIC, **groups["overview"]}
-    for group in ("overview_levels", "coverage_map"):
+    for group in (*LEVELS, "coverage_map"):
         if {**plane, **groups.get(group, {})} != plane:
             found.append(f"{group}: is in another plane than the overview")
     numbers: dict[str, float] = {
@@ -281,26 +279,39 @@ def _outside(values: Values, name: str, low: float, high: float) -> list[Finding
     return _where(name, ~((array >= low) & (array <= high)), f"not in {low:g}..{high:g}")
 
 
-def _check_axes(values: Values) -> Iterator[Finding]:
-    for name in ("point", "view", "coverage/cell", *FIXED):
+def _numbered(values: Values, *names: str) -> Iterator[Finding]:
+    for name in names:
         if not np.array_equal(values[name], np.arange(len(values[name]))):
             yield Finding(name, "is not 0, 1, 2, ...")
+
+
+def _rising(values: Values, *names: str) -> Iterator[Finding]:
+    for name in names:
+        if not (np.isfinite(values[name]).all() and (np.diff(values[name]) > 0).all()):
+            yield Finding(name, "is not strictly rising")
+
+
+def _falling(values: Values, *names: str) -> Iterator[Finding]:
+    for name in names:
+        if not (np.isfinite(values[name]).all() and (np.diff(values[name]) < 0).all()):
+            yield Finding(name, "is not strictly falling")
+
+
+def _check_axes(values: Values) -> Iterator[Finding]:
     for name in ("patch_row", "patch_col"):
         if not np.array_equal(values[name], centred(len(values[name]))):
             yield Finding(name, "is not counted from the patch's centre")
-    for name, sign in (
-        ("sun_elevation", 1),
-        ("sun_azimuth", 1),
-        ("overview/x", 1),
-        ("overview/y", -1),
-    ):
-        if not (np.isfinite(values[name]).all() and (np.diff(values[name]) * sign > 0).all()):
-            yield Finding(name, f"is not strictly {'rising' if sign > 0 else 'falling'}")
+    yield from _numbered(values, "point", "view", "coverage/cell", *FIXED)
+    yield from _rising(values, "sun_elevation", "sun_azimuth", "overview/x")
+    yield from _falling(values, "overview/y")
     yield from _outside(values, "sun_elevation", 0.0, 90.0)
     yield from _outside(values, "sun_azimuth", 0.0, 360.0)
     yield from _outside(values, "view_off_nadir", 0.0, 90.0)
     yield from _outside(values, "view_azimuth", 0.0, 360.0)
     yield from _where("view_altitude", ~(values["view_altitude"] > 0.0), "not above 0")
+    scale = values["image_scale"]
+    if not (len(scale) and scale[0] == 1.0 and (np.diff(scale) > 0.0).all()):
+        yield Finding("image_scale", "does not rise from 1")
     for name in ("view", "sun_elevation", "sun_azimuth"):
         if not len(values[name]):
             yield Finding(name, "has no values")
@@ -347,6 +358,7 @@ def _check_patches(values: Values) -> Iterator[Finding]:
     yield from _where("dem", off, "the centre node is not at 0")
     products = values["dem_product"]
     yield from _where("dem_product", products == "", "is empty")
+    yield from _where("level", values["level"] < 0, "below 0")
     odd = [text for text in set(products.tolist()) if not text.isprintable()]
     yield from _where(
         "dem_product", np.isin(products, odd), "has characters that cannot be printed"
@@ -370,13 +382,8 @@ def _check_resolutions(values: Values) -> Iterator[Finding]:
         yield from _where(
             name, ~((values[name] > 0.0) & np.isfinite(values[name])), "not a positive number"
         )
-    slack = 1.0 + 1e-9
-    if "detection_probability" in values:  # a point may work in coarser images only
-        wrong = values["gsd_max"] * slack < values["gsd_min"]
-        yield from _where("gsd_max", wrong, "below gsd_min")
-        return
-    yield from _where("gsd_min", values["gsd_min"] > values["gsd"] * slack, "above gsd")
-    yield from _where("gsd_max", values["gsd_max"] * slack < values["gsd"], "below gsd")
+    wrong = values["gsd_max"] * (1.0 + 1e-9) < values["gsd_min"]
+    yield from _where("gsd_max", wrong, "below gsd_min")
 
 
 def _check_conditions(values: Values) -> Iterator[Finding]:
@@ -416,6 +423,9 @@ def _check_cells(values: Values) -> Iterator[Finding]:
     yield from _where("coverage/status", unknown, "has no meaning")
     yield from _outside(values, "coverage/latitude", -90.0, 90.0)
     yield from _outside(values, "coverage/longitude", -360.0, 720.0)
+    nearby = values["coverage/usable"]
+    wrong = (nearby > 1) & (nearby != COVERAGE_UNKNOWN)  # np.isin takes 12 times the memory
+    yield from _where("coverage/usable", wrong, "has no meaning")
 
 
 def _check_overview(values: Values) -> Iterator[Finding]:
@@ -423,100 +433,63 @@ def _check_overview(values: Values) -> Iterator[Finding]:
 
 
 def _check_map_levels(values: Values) -> Iterator[Finding]:
-    if "overview_levels/x_2" in values:
-        for factor in LEVEL_FACTORS:
-            for name, sign in (("x", 1), ("y", -1)):
-                axis = values[f"overview_levels/{name}_{factor}"]
-                if not (np.isfinite(axis).all() and (np.diff(axis) * sign > 0).all()):
-                    text = f"is not strictly {'rising' if sign > 0 else 'falling'}"
-                    yield Finding(f"overview_levels/{name}_{factor}", text)
-            height = f"overview_levels/height_{factor}"
-            yield from _where(height, np.isinf(values[height]), "infinite")
+    for group in LEVELS:
+        if f"{group}/x" in values:
+            yield from _rising(values, f"{group}/x")
+            yield from _falling(values, f"{group}/y")
+            yield from _where(f"{group}/height", np.isinf(values[f"{group}/height"]), "infinite")
     if "coverage_map/status" in values:
-        yield from _coverage_map_findings(values)
+        yield from _rising(values, "coverage_map/x_cell")
+        yield from _falling(values, "coverage_map/y_cell")
+        unknown = ~np.isin(values["coverage_map/status"], [*COVERAGE_STATUS, NO_CELL])
+        yield from _where("coverage_map/status", unknown, "has no meaning")
+        yield from _shares(values, "coverage_map/usable_share")
     if "coverage_levels/block" not in values:
         return
-    for name in ("coverage_levels/block", "coverage_levels/code"):
-        if not np.array_equal(values[name], np.arange(len(values[name]))):
-            yield Finding(name, "is not 0, 1, 2, ...")
+    yield from _numbered(values, "coverage_levels/block", "coverage_levels/code")
     unknown = ~np.isin(values["coverage_levels/factor"], LEVEL_FACTORS)
     yield from _where("coverage_levels/factor", unknown, "is no level")
     yield from _outside(values, "coverage_levels/latitude", -90.0, 90.0)
     yield from _outside(values, "coverage_levels/longitude", 0.0, 360.0)
     yield from _where("coverage_levels/cells", values["coverage_levels/cells"] < 0, "below 0")
-    share = values["coverage_levels/usable_share"]
-    yield from _where("coverage_levels/usable_share", (share < 0) | (share > 1), "not in 0..1")
+    yield from _shares(values, "coverage_levels/usable_share")
 
 
-def _coverage_map_findings(values: Values) -> Iterator[Finding]:
-    for name, sign in (("x_cell", 1), ("y_cell", -1)):
-        axis = values[f"coverage_map/{name}"]
-        if not (np.isfinite(axis).all() and (np.diff(axis) * sign > 0).all()):
-            text = f"is not strictly {'rising' if sign > 0 else 'falling'}"
-            yield Finding(f"coverage_map/{name}", text)
-    unknown = ~np.isin(values["coverage_map/status"], [*COVERAGE_STATUS, NO_CELL])
-    yield from _where("coverage_map/status", unknown, "has no meaning")
-    share = values["coverage_map/usable_share"]
-    yield from _where("coverage_map/usable_share", (share < 0) | (share > 1), "not in 0..1")
+def _shares(values: Values, name: str) -> Iterator[Finding]:
+    """Shares, NaN where they are not known."""
+    yield from _where(name, (values[name] < 0) | (values[name] > 1), "not in 0..1")
 
 
-def _check_guarantee(values: Values) -> Iterator[Finding]:
-    if "guarantee/place" not in values:
+def _check_promise(values: Values) -> Iterator[Finding]:
+    if "promise/place" not in values:
         return
-    for name in ("guarantee/place", "guarantee/step"):
-        if not np.array_equal(values[name], np.arange(len(values[name]))):
-            yield Finding(name, "is not 0, 1, 2, ...")
-    yield from _outside(values, "guarantee/latitude", -90.0, 90.0)
-    yield from _outside(values, "guarantee/longitude", -360.0, 720.0)
+    yield from _numbered(values, "promise/place", "promise/step", "promise/part")
+    yield from _outside(values, "promise/latitude", -90.0, 90.0)
+    yield from _outside(values, "promise/longitude", -360.0, 720.0)
     for name in ("met", "served"):
-        yield from _outside(values, f"guarantee/{name}", 0.0, 1.0)
-    if not (np.diff(values["guarantee/size"]) > 0).all():
-        yield Finding("guarantee/size", "does not rise")
-    points, cause = values["guarantee/points"], values["guarantee/cause"]
+        yield from _outside(values, f"promise/{name}", 0.0, 1.0)
+    if not (np.diff(values["promise/size"]) > 0).all():
+        yield Finding("promise/size", "does not rise")
+    points, cause = values["promise/points"], values["promise/cause"]
     nothing = cause == NO_CELL
-    yield from _where("guarantee/cause", (cause > max(Cause)) & ~nothing, "has no meaning")
-    yield from _where(
-        "guarantee/points", (points == NO_CELL) != nothing, "is not as the cause says"
-    )
-    enough = points >= values["guarantee/demand"][:, None, None, None]
+    yield from _where("promise/cause", (cause > max(Cause)) & ~nothing, "has no meaning")
+    yield from _where("promise/points", (points == NO_CELL) != nothing, "is not as the cause says")
+    enough = points >= values["promise/demand"][:, None, None, None]
     wrong = ~nothing & (enough != (cause == Cause.MET))
-    yield from _where("guarantee/cause", wrong, "is not as demand and points say")
-
-
-def _check_promises(values: Values) -> Iterator[Finding]:
-    if "promises/promise" not in values:
-        return
-    if not np.array_equal(values["promises/promise"], np.arange(len(values["promises/promise"]))):
-        yield Finding("promises/promise", "is not 0, 1, 2, ...")
-    places = values["promises/places"]
-    yield from _where("promises/places", places < 1, "has none")
-    if places.sum() != len(values.get("guarantee/place", ())):
-        yield Finding("promises/places", "are not those of the guarantee")
+    yield from _where("promise/cause", wrong, "is not as demand and points say")
+    places = values["promise/places"]
+    yield from _where("promise/places", places < 1, "has none")
+    if places.sum() != len(values["promise/place"]):
+        yield Finding("promise/places", "are not as many as there are")
     for name in ("gsd", "footprint", "radius"):
-        found = values[f"promises/{name}"]
-        yield from _where(f"promises/{name}", ~((found > 0.0) & np.isfinite(found)), "not above 0")
+        found = values[f"promise/{name}"]
+        yield from _where(f"promise/{name}", ~((found > 0.0) & np.isfinite(found)), "not above 0")
     for name in ("per_view", "lower_bound"):
-        found = values[f"promises/{name}"]
-        yield from _where(f"promises/{name}", ~((found >= 0) & np.isfinite(found)), "below 0")
+        found = values[f"promise/{name}"]
+        yield from _where(f"promise/{name}", ~((found >= 0) & np.isfinite(found)), "below 0")
 
 
-def _check_scales(values: Values, least: float) -> Iterator[Finding]:
-    scale = values["image_scale"]
-    if not (len(scale) and scale[0] == 1.0 and (np.diff(scale) > 0.0).all()):
-        yield Finding("image_scale", "does not rise from 1")
-
-
-def _check_levels(values: Values, least: float) -> Iterator[Finding]:
-    yield from _where("level", values["level"] < 0, "below 0")
-
-
-def _check_claimed_cells(values: Values, least: float) -> Iterator[Finding]:
-    nearby = values["coverage/usable"]
-    wrong = (nearby > 1) & (nearby != COVERAGE_UNKNOWN)  # np.isin takes 12 times the memory
-    yield from _where("coverage/usable", wrong, "has no meaning")
-
-
-def _check_packed(values: Values, least: float) -> Iterator[Finding]:
+def _check_packed(values: Values) -> Iterator[Finding]:
     """Packed numbers in their ranges; sigmas known at least wherever a point is usable."""
     for name in PACKED:
         rule, array = packing(name, 1.0), values[name]
@@ -549,14 +522,10 @@ def _check_claimed_flags(values: Values, least: float) -> Iterator[Finding]:
     yield from _where("universal", wrong, "does not agree with condition")
 
 
-_CLAIM_CHECKS = {
-    "axes": (_check_scales,),
-    "points": (_check_levels, _check_packed, _check_claimed_flags),
-    "cells": (_check_claimed_cells,),
-}
+_CLAIM_CHECKS = {"points": (_check_claimed_flags,)}
 
 _CHECKS = {
-    "axes": (_check_axes, _check_guarantee, _check_promises, _check_map_levels),
+    "axes": (_check_axes, _check_promise, _check_map_levels),
     "points": (
         _check_places,
         _check_rotations,
@@ -565,6 +534,7 @@ _CHECKS = {
         _check_resolutions,
         _check_conditions,
         _check_figures,
+        _check_packed,
     ),
     "cells": (_check_cells,),
     "overview": (_check_overview,),

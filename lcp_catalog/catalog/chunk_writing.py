@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import product
 
 import h5py
 import numpy as np
 
 from ..arrays import AnyArray
 from ..threads import thread_count
+from .integrity import chunk_digest
 
 _WAITING_BYTES = 2**25
 """Most bytes of chunks that are compressed, or wait for it, at a time."""
@@ -27,7 +28,7 @@ class Deflate:
     strategy: int = zlib.Z_DEFAULT_STRATEGY
 
 
-_Chunk = tuple[h5py.Dataset, tuple[int, ...], int, "Future[bytes]"]
+_Chunk = tuple[h5py.Dataset, tuple[int, ...], int, "Future[tuple[bytes, bytes]]"]
 
 
 class ChunkWriter:
@@ -35,11 +36,13 @@ class ChunkWriter:
     order, as HDF5 would. The order of what is written does not depend
     on the number of threads.
 
-    ``check``: called after each chunk that was written.
+    ``check``: called after each chunk that was written. ``digests``: of the chunks that were written
+    (`integrity.chunk_digest`), by the dataset's path and the chunk's offset.
     """
 
     def __init__(self, check: Callable[[], None]) -> None:
         self._check = check
+        self.digests: dict[str, dict[tuple[int, ...], bytes]] = {}
         self._pool = ThreadPoolExecutor(thread_count(), "compression")
         self._chunks: deque[_Chunk] = deque()
         self._waiting = 0  # bytes of their content
@@ -49,7 +52,8 @@ class ChunkWriter:
         """The next rows of a dataset, from its first one on, in its type. Each chunk is written when
         all of its rows are there, or all of the dataset's.
         """
-        name = str(dataset.name)
+        name = str(dataset.name)[1:]
+        self.digests.setdefault(name, {})
         first, before = self._started.pop(name, (0, rows[:0]))
         if len(before):
             rows = np.concatenate([before, rows])
@@ -66,7 +70,7 @@ class ChunkWriter:
     ) -> None:
         while self._waiting > _WAITING_BYTES:
             self._write()
-        work = self._pool.submit(compressed, chunk, dataset.chunks, deflate)
+        work = self._pool.submit(_with_digest, chunk, dataset.chunks, deflate)
         self._chunks.append((dataset, offset, chunk.nbytes, work))
         self._waiting += chunk.nbytes
         while self._chunks and self._chunks[0][3].done():
@@ -75,7 +79,9 @@ class ChunkWriter:
     def _write(self) -> None:
         dataset, offset, size, work = self._chunks.popleft()
         self._waiting -= size
-        dataset.id.write_direct_chunk(offset, work.result())
+        stored, digest = work.result()
+        dataset.id.write_direct_chunk(offset, stored)
+        self.digests[str(dataset.name)[1:]][offset] = digest
         self._check()
 
     def finish(self) -> None:
@@ -94,9 +100,15 @@ def _chunks(
     """The chunks of a row of chunks, from their content in ``rows``: offset and content."""
     sides = dataset.chunks[1:]
     starts = [range(0, length, side) for length, side in zip(rows.shape[1:], sides, strict=True)]
-    for start in product(*starts):
+    for start in itertools.product(*starts):
         part = tuple(slice(k, k + side) for k, side in zip(start, sides, strict=True))
         yield (first, *start), rows[(slice(None), *part)]
+
+
+def _with_digest(chunk: AnyArray, shape: tuple[int, ...], deflate: Deflate) -> tuple[bytes, bytes]:
+    """The stored bytes of a chunk, and their digest."""
+    stored = compressed(chunk, shape, deflate)
+    return stored, chunk_digest(stored)
 
 
 def compressed(chunk: AnyArray, shape: tuple[int, ...], deflate: Deflate) -> bytes:

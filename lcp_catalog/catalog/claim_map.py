@@ -60,7 +60,7 @@ class Shown:
 def claim_map(
     catalog: Catalog, chart: ReliefMap, evaluated: AnyArray, bytes_max: int = BYTES_MAX
 ) -> dict[str, Any] | None:
-    """Numbers for the script: JSON-ready, None for a catalogue without claims or points.
+    """Numbers for the script: JSON-ready, None for a catalogue without points.
     ``evaluated``: True for the Suns to show, (sun_elevation, sun_azimuth).
 
     All ``data`` are base64 of bytes that are compressed (RFC 1950). ``suns``: the evaluated directions
@@ -77,7 +77,7 @@ def claim_map(
     ``of``: number of all cells. ``patches``: heights (``side``, ``side``) of the points ``of``, indices
     in ``points``; ``data``: little-endian int16 in steps of ``step_m``.
     """
-    if not catalog.has_claims or not len(catalog):
+    if not len(catalog):
         return None
     suns = np.argwhere(evaluated)
     shown = Shown.of(catalog, len(suns), bytes_max)

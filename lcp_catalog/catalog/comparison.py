@@ -12,12 +12,13 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Index
 from ..landmarks.selection import nearest
-from .catalogue import BLOCK_BYTES, Catalog
+from .catalogue import Catalog
 from .cell_levels import levels
 from .differences import ComparedPoints, Comparison
 from .layout import GROUPS, TEXT, key
+from .model import BLOCK_BYTES
 from .schema import VARIABLES
-from .stored import StoredFile, content_digests
+from .stored import content_sha256
 from .verification import open_catalog
 
 _AXES = {
@@ -46,9 +47,8 @@ def compare(first: Path | str, second: Path | str) -> Comparison:
     cell size of the same level (`cell_levels`), lies within the spacing, and each is nearest to the
     other. Files with the same digests of their content are not read further.
     """
-    stored = [StoredFile.of(path) for path in (first, second)]
     one, other = (open_catalog(path, check=False) for path in (first, second))
-    if content_digests(stored[0]) == content_digests(stored[1]):
+    if content_sha256(first) == content_sha256(second):
         return _equal(one)
     one, other = (open_catalog(path) for path in (first, second))
     return compare_catalogs(one, other)
@@ -167,9 +167,7 @@ def _unequal_axes(one: Catalog, other: Catalog) -> set[str]:
     return found | ({"patch_row", "patch_col"} if one.patch_nodes != other.patch_nodes else set())
 
 
-def _same(first: AnyArray | None, second: AnyArray | None) -> bool:
-    if first is None or second is None:
-        return first is second
+def _same(first: AnyArray, second: AnyArray) -> bool:
     return np.array_equal(first, second, equal_nan=first.dtype.kind == "f")
 
 
@@ -183,10 +181,8 @@ def _attributes(one: Catalog, other: Catalog) -> dict[str, tuple[Any, Any]]:
 
 
 def _facts(catalog: Catalog) -> Iterator[tuple[str, Any]]:
-    yield "schema_version", catalog.schema_version
     for name in _AXES:
-        axis = getattr(catalog, name)
-        yield name, None if axis is None else axis.tolist()
+        yield name, getattr(catalog, name).tolist()
     yield "patch_nodes", catalog.patch_nodes
     yield "gsd_m", np.unique(catalog.gsd).tolist()
     yield "spacing_m", catalog.coverage.spacing_m
@@ -194,11 +190,9 @@ def _facts(catalog: Catalog) -> Iterator[tuple[str, Any]]:
     view = catalog.overview
     yield "overview", [view.projection, view.center_lon, view.center_lat]
     yield "sigma_step_m", catalog.sigma_step_m
-    promise = catalog.guarantee
-    numbers = (
-        None if promise is None else [promise.per_view, promise.footprint_m, promise.lower_bound]
-    )
-    yield "guarantee", numbers
+    promise = catalog.promise
+    numbers = ("gsd", "per_view", "footprint", "lower_bound")
+    yield "promise", promise and [getattr(promise, name).tolist() for name in numbers]
     for name in ("title", "product_version", "sources", "albedo_map", "scene_plan"):
         yield name, getattr(catalog, name)
     yield "config", tomllib.loads(catalog.config)
@@ -227,10 +221,9 @@ def _finite(value: Any) -> Any:
 
 def _maps(one: Catalog, other: Catalog, unequal: set[str]) -> Iterator[tuple[str, str]]:
     """Variables of the groups that differ, and how."""
-    skipped = {"cell", "place", "step", "block", "code"}  # numbers of rows
-    skipped |= set() if one.has_claims and other.has_claims else {"usable"}
+    skipped = {"cell", "place", "step", "part", "block", "code"}  # numbers of rows
     for group, members in GROUPS.items():
-        whose = [getattr(catalog, group) is not None for catalog in (one, other)] if group else []
+        whose = [group in catalog.groups() for catalog in (one, other)] if group else []
         if any(whose) and not all(whose):
             yield group, "only one of the two has it"
         for short, variable in members.items() if whose and all(whose) else ():

@@ -9,8 +9,8 @@ import numpy as np
 from ..arrays import Array
 from ..geometry.map_plane import MapPlane
 from ..landmarks.selection import nearest
-from .catalogue import Coverage, CoverageMap
 from .map_levels import usable_conditions
+from .model import Coverage, CoverageMap
 from .schema import NO_CELL
 
 _NEAR = 0.75

@@ -4,7 +4,7 @@ what it links to, how it is stored, and how much it claims to hold.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 from typing import Any
 
@@ -13,45 +13,21 @@ import numpy as np
 
 from ..geometry.map_plane import ORTHOGRAPHIC
 from .checks import shape_problems
+from .integrity import DIGESTS, HDF5_ERRORS, INTEGRITY, TABLE, dimensions, line_of
 from .layout import (
-    CLAIM_ATTRIBUTES,
     CRS,
     GLOBAL_ATTRIBUTES,
     GROUP_ATTRIBUTES,
     GROUPS,
-    LEVEL,
     NUMBERS,
     OPTIONAL_ATTRIBUTES,
     OPTIONAL_GROUP_ATTRIBUTES,
     TEXT,
-    former_attributes,
     grid_mapping,
     key,
     variable_attributes,
-    without_level,
 )
-from .schema import (
-    ADDED_IN_1_1,
-    CLAIMS,
-    FORMER_NAMES,
-    OPTIONAL,
-    OPTIONAL_GROUPS,
-    SCHEMA_VERSION,
-    WITHOUT_PLACES,
-    Variable,
-)
-
-HDF5_ERRORS = (
-    OSError,
-    RuntimeError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    OverflowError,
-    MemoryError,
-)
-"""Errors that h5py raises for damaged files."""
+from .schema import OPTIONAL, OPTIONAL_GROUPS, SCHEMA_VERSION, Variable
 
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 
@@ -64,24 +40,15 @@ _ATTRIBUTE_BYTES_MAX = 2**16
 """Most bytes of an attribute in its object; HDF5 keeps long texts elsewhere."""
 
 
-def line_of(error: BaseException) -> str:
-    """An error as one line."""
-    return " ".join(str(error).split()) or type(error).__name__
-
-
 def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
-    """All problems of the structure, one line each. Of a file that is no catalogue of a supported
-    version the only one.
-    """
+    """All problems of the structure, one line each. Of a file that is no catalogue of this schema the only one."""
     foreign = list(_identity_problems(file))
     if foreign:
         return foreign
-    problems = list(_attribute_problems(file, "", _wanted(file)))
+    problems = list(_attribute_problems(file, "", global_names(file)))
     shapes: dict[str, tuple[int, ...]] = {}
     step, wanted = _sigma_step(file), variables(file)
-    placed = file.attrs["schema_version"] not in WITHOUT_PLACES
-    scales: dict[Any, str] = {}
-    for group, members in GROUPS.items():
+    for group, members in (GROUPS | {INTEGRITY: {TABLE: DIGESTS}}).items():
         place = _member(file, group) if group else file
         if place is None and group in OPTIONAL_GROUPS:
             continue
@@ -89,9 +56,9 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
             problems.append(f"{group}: the group is {_kind(place)}")
             continue
         problems += _attribute_problems(place, group, group_names(place, group))
-        problems += _list_problems(place, group)
-        names = [name for name in members if key(group, name) in wanted]
-        for short in sorted(names, key=lambda name: members[name].dims != (name,)):
+        names = [name for name in members if group == INTEGRITY or key(group, name) in wanted]
+        problems += _list_problems(place, group, names)
+        for short in names:
             try:
                 dataset = _member(place, short)
                 if not isinstance(dataset, h5py.Dataset):
@@ -99,21 +66,29 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                     continue
                 h5py.h5o.get_info(dataset.id)
                 shapes[key(group, short)] = dataset.shape
-                if dataset.is_scale:
-                    scales[dataset.id] = short
                 expected = variable_attributes(
                     group, short, members[short], step, _projection(place)
                 )
                 faults = [
-                    *_type_faults(dataset, members[short], scales),
-                    *_attribute_faults(dataset, short, _of_version(expected, dataset, placed)),
+                    *_type_faults(dataset, members[short]),
+                    *_attribute_faults(dataset, expected),
                 ]
                 faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
                 problems += [f"{key(group, short)}: {fault}" for fault in faults]
             except HDF5_ERRORS as error:
                 problems.append(f"{key(group, short)}: is damaged: {line_of(error)}")
-        problems += _crs_problems(place, group) if placed else []
+        problems += _bare_problems(place, group)
     return problems + shape_problems(shapes)
+
+
+def _bare_problems(place: h5py.Group, group: str) -> Iterator[str]:
+    """Faults of the datasets of a group that have no content."""
+    if group == INTEGRITY:
+        for name in DIGESTS.dims:
+            if not isinstance(_member(place, name), h5py.Dataset):
+                yield f"{key(group, name)}: the dimension is {_kind(_member(place, name))}"
+        return
+    yield from _crs_problems(place, group)
 
 
 def _crs_problems(place: h5py.Group, group: str) -> Iterator[str]:
@@ -136,29 +111,23 @@ def _crs_faults(place: h5py.Group, group: str, expected: Mapping[str, Any]) -> I
     found = _member(place, CRS) if expected else None
     if isinstance(found, h5py.Dataset):
         h5py.h5o.get_info(found.id)
-        for fault in _attribute_faults(found, CRS, expected):
+        for fault in _attribute_faults(found, expected):
             yield f"{key(group, CRS)}: {fault}"
     elif expected:
         yield f"{key(group, CRS)}: the variable is {_kind(found)}"
 
 
 def variables(file: h5py.File) -> dict[str, Variable]:
-    """The variables that the file must have, by their path in it: all but those of other schema
-    versions, and those that the catalogue was built without.
+    """The variables that the file must have, by their path in it: all but those that the catalogue was built
+    without.
     """
-    claims, oldest = states_claims(file), file.attrs.get("schema_version") == "1.0"
-    albedo = _has_variable(file, "albedo") or "albedo_map" in file.attrs
-    absent = {
-        *(() if albedo else OPTIONAL),
-        *(() if claims else CLAIMS),
-        *(ADDED_IN_1_1 if oldest else ()),
-    }
+    albedo = has_group(file, *OPTIONAL) or "albedo_map" in file.attrs
     return {
         key(group, name): variable
         for group, members in GROUPS.items()
-        if group not in OPTIONAL_GROUPS or _has_variable(file, group)
+        if group not in OPTIONAL_GROUPS or has_group(file, group)
         for name, variable in members.items()
-        if key(group, name) not in absent
+        if albedo or key(group, name) not in OPTIONAL
     }
 
 
@@ -176,11 +145,6 @@ def _projection(place: h5py.Group) -> str:
     return found if isinstance(found, str) else ORTHOGRAPHIC
 
 
-def states_claims(file: h5py.File) -> bool:
-    """True for a file of schema 2."""
-    return not str(file.attrs.get("schema_version")).startswith("1.")
-
-
 def _identity_problems(file: h5py.File) -> Iterator[str]:
     """A problem if the file is no catalogue of a supported version; then nothing else is checked."""
     try:
@@ -191,18 +155,17 @@ def _identity_problems(file: h5py.File) -> Iterator[str]:
         return
     if not isinstance(version, str):
         yield "not a catalogue of control points: it has no schema_version and body"
-    elif version.split(".")[0] not in ("1", SCHEMA_VERSION.split(".")[0]):
+    elif version.startswith(("1.", "2.")):
+        yield "made by lcp 0.2; build it again"
+    elif version != SCHEMA_VERSION:
         text = _shown(version)
         yield f"schema version {text} is not understood here ({SCHEMA_VERSION}); use a newer lcp"
 
 
-def _wanted(file: h5py.File) -> tuple[str, ...]:
-    """Names of the global attributes that the file must have."""
-    return (
-        *GLOBAL_ATTRIBUTES,
-        *(OPTIONAL_ATTRIBUTES if _has_variable(file, "albedo") else ()),
-        *(CLAIM_ATTRIBUTES if states_claims(file) else ()),
-    )
+def global_names(file: h5py.File) -> tuple[str, ...]:
+    """Names of the global attributes that the file must have, but the digest of its content."""
+    optional = OPTIONAL_ATTRIBUTES if has_group(file, *OPTIONAL) else ()
+    return (*GLOBAL_ATTRIBUTES, *optional)
 
 
 def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -> Iterator[str]:
@@ -231,8 +194,8 @@ def _attribute_fault(place: h5py.Group, name: str) -> str:
     return ""
 
 
-def _has_variable(file: h5py.File, name: str) -> bool:
-    """True if the variable exists, damaged or not."""
+def has_group(file: h5py.File, name: str) -> bool:
+    """True if there is a group or a variable of this name, damaged or not."""
     try:
         return file.id.links.exists(name.encode())
     except HDF5_ERRORS:
@@ -249,14 +212,20 @@ def _member(place: h5py.Group, name: str) -> Any:
     return place[name]
 
 
-def _list_problems(place: h5py.Group, group: str) -> Iterator[str]:
-    """A fault of the list of members, which other programs need; unknown members are not opened."""
+def _list_problems(place: h5py.Group, group: str, names: Sequence[str]) -> Iterator[str]:
+    """Faults of the list of members, of which unknown ones are not opened, and unknown attributes."""
+    known = {*names, *(DIGESTS.dims if group == INTEGRITY else [CRS] if group else [])}
+    known |= set() if group else {*GROUPS, INTEGRITY}
     try:
         h5py.h5o.get_info(place.id)
-        place.id.links.iterate(lambda _: None)
+        found: list[str] = []
+        place.id.links.iterate(lambda name: found.append(name.decode(errors="replace")))
         next(iter(place))
     except HDF5_ERRORS as error:
         yield f"{group or 'root'}: its members cannot be listed: {line_of(error)}"
+        return
+    for name in sorted({*found} - known):
+        yield f"{key(group, _shown(name))}: does not belong to a catalogue"
 
 
 def _kind(member: Any) -> str:
@@ -265,72 +234,35 @@ def _kind(member: Any) -> str:
 
 
 def _sigma_step(file: h5py.File) -> float:
-    """Step of stored sigmas, 1 for a file without claims or with a damaged attribute."""
+    """Step of stored sigmas, 1 for a damaged attribute."""
     try:
         return float(file.attrs["sigma_step_m"])
     except HDF5_ERRORS:
         return 1.0
 
 
-def _type_faults(
-    dataset: h5py.Dataset, variable: Variable, scales: Mapping[Any, str]
-) -> Iterator[str]:
-    """Faults of the type and the dimensions; ``scales``: names of the dimension scales, which are read
-    first.
-    """
+def _type_faults(dataset: h5py.Dataset, variable: Variable) -> Iterator[str]:
+    """Faults of the type and the dimensions."""
     text = h5py.check_string_dtype(dataset.dtype)
     kind = TEXT if text is not None and text.length else dataset.dtype.str.lstrip("<|")
     if kind != variable.dtype:
         yield f"holds {_shown(kind)} instead of {variable.dtype}"
-    if dataset.id in scales:
-        dims: tuple[str, ...] = (scales[dataset.id],)
-    else:
-        dims = tuple(scales.get(dim[0].id, "?") if len(dim) else "?" for dim in dataset.dims)
-    if dims != variable.dims:
+    if (dims := dimensions(dataset)) != variable.dims:
         wanted = ", ".join(variable.dims)
-        yield f"has the dimensions ({', '.join(dims)}) instead of ({wanted})"
+        yield f"has the dimensions ({', '.join(map(_shown, dims))}) instead of ({wanted})"
 
 
-def _attribute_faults(
-    dataset: h5py.Dataset, short: str, attributes: Mapping[str, Any]
-) -> Iterator[str]:
+def _attribute_faults(dataset: h5py.Dataset, attributes: Mapping[str, Any]) -> Iterator[str]:
     """Attributes of a variable that are not those of the schema."""
     for name, expected in attributes.items():
         found: Any = None if _attribute_fault(dataset, name) else dataset.attrs[name]
-        former = FORMER_NAMES.get(short, ()) if name == "long_name" else ()
-        if isinstance(found, str) and found in former:
-            continue
-        if not (
-            np.array_equal(found, expected)
-            or _both_nan(found, expected)
-            or _has_fewer_codes(short, name, found, expected)
-        ):
+        if not (np.array_equal(found, expected) or _both_nan(found, expected)):
             yield f"{name} is {_shown(found)} instead of {expected!s}"
 
 
 def _both_nan(found: Any, expected: Any) -> bool:
     numbers = isinstance(found, np.floating) and isinstance(expected, np.floating)
     return bool(numbers and np.isnan(found) and np.isnan(expected))
-
-
-def _of_version(expected: dict[str, Any], dataset: h5py.Dataset, placed: bool) -> dict[str, Any]:
-    """Attributes of a variable as a file of its version has them: before schema 2.2 (not ``placed``) without
-    coordinates, before 2.5 without the level among them.
-    """
-    if not placed:
-        return former_attributes(expected)
-    found = None if _attribute_fault(dataset, "coordinates") else dataset.attrs["coordinates"]
-    named = not isinstance(found, str) or LEVEL in found.split()
-    return expected if named else without_level(expected)
-
-
-def _has_fewer_codes(short: str, name: str, found: Any, expected: Any) -> bool:
-    """True for the codes of ``coverage/status`` of earlier versions: the first of today's."""
-    if short != "status" or not isinstance(found, str | np.ndarray):
-        return False
-    if name == "flag_meanings":
-        return str(expected).startswith(f"{found} ")
-    return name == "flag_values" and np.array_equal(found, expected[: np.size(found)])
 
 
 def _shown(value: Any) -> str:

@@ -4,7 +4,8 @@ checks it.
 
 from __future__ import annotations
 
-from .catalogue import Catalog, Coverage, Guarantee, Overview
+from .catalogue import Catalog
+from .model import Coverage, Overview
 from .schema import SCHEMA_VERSION
 from .verification import open_catalog, verify
 from .writing import new_catalog, write_catalog
@@ -13,7 +14,6 @@ __all__ = [
     "SCHEMA_VERSION",
     "Catalog",
     "Coverage",
-    "Guarantee",
     "Overview",
     "new_catalog",
     "open_catalog",

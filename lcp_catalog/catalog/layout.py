@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,7 +19,6 @@ from ..geometry.map_plane import (
 )
 from .packing import packing
 from .schema import (
-    CLAIMS,
     COORDINATES,
     COVERAGE,
     COVERAGE_LEVELS,
@@ -31,13 +27,11 @@ from .schema import (
     COVERAGE_UNKNOWN,
     FLAG_MASKS,
     FLAG_MEANINGS,
-    GUARANTEE,
+    LEVEL_FACTORS,
     NO_CELL,
-    OPTIONAL,
     OVERVIEW,
-    OVERVIEW_LEVELS,
     PACKED,
-    PROMISES,
+    PROMISE,
     VARIABLES,
     Cause,
     Variable,
@@ -45,13 +39,15 @@ from .schema import (
 
 TEXT = "str"
 
+LEVELS = tuple(f"overview_{factor}" for factor in LEVEL_FACTORS)
+"""Groups of the coarser levels of the overview."""
+
 GROUPS: dict[str, dict[str, Variable]] = {
     "": COORDINATES | VARIABLES,
     "overview": OVERVIEW,
     "coverage": COVERAGE,
-    "guarantee": GUARANTEE,
-    "promises": PROMISES,
-    "overview_levels": OVERVIEW_LEVELS,
+    "promise": PROMISE,
+    **dict.fromkeys(LEVELS, OVERVIEW),
     "coverage_levels": COVERAGE_LEVELS,
     "coverage_map": COVERAGE_MAP,
 }
@@ -60,8 +56,7 @@ GROUPS: dict[str, dict[str, Variable]] = {
 GROUP_ATTRIBUTES = {
     "overview": ("center_lon", "center_lat"),
     "coverage": ("spacing_m",),
-    "guarantee": ("per_view", "footprint_m", "radius_m", "lower_bound"),
-    "overview_levels": ("center_lon", "center_lat", "projection"),
+    **dict.fromkeys(LEVELS, ("center_lon", "center_lat", "projection")),
     "coverage_levels": ("step_m",),
     "coverage_map": ("center_lon", "center_lat", "projection"),
 }
@@ -69,15 +64,8 @@ GROUP_ATTRIBUTES = {
 OPTIONAL_GROUP_ATTRIBUTES = {"overview": "projection", "coverage": "step_m"}
 """Attributes of the groups of a region that no tangent plane shows (since schema 2.1)."""
 
-OPTIONAL_ATTRIBUTES = ("albedo_map", "albedo_sha256")
-"""Attributes of a catalogue with albedo: its map, and a digest of both. `content_sha256` leaves
-them out, so that a reader of schema 1.1 finds the content that it supports intact.
-"""
-
-CLAIM_ATTRIBUTES = ("errors", "sigma_step_m")
-"""Attributes of a catalogue with claims: the error model they hold for (JSON), and the step in
-metres in which sigmas are stored.
-"""
+OPTIONAL_ATTRIBUTES = ("albedo_map",)
+"""Attributes of a catalogue with albedo."""
 
 NUMBERS = ("reference_radius_m", "sigma_step_m")
 """Global attributes that are numbers; the others are text."""
@@ -89,12 +77,15 @@ GLOBAL_ATTRIBUTES = (
     "schema_version",
     "software",
     "software_version",
+    "history",
     "body",
     "frame",
     "reference_radius_m",
     "config",
     "sources",
     "scene_plan",
+    "errors",
+    "sigma_step_m",
     "content_sha256",
 )
 
@@ -108,14 +99,8 @@ _CODES = {
 }
 """Meanings of the values of variables that stand for words."""
 
-_PIECE_BYTES = 2**23
-"""Content that is digested together."""
-
 Values = Mapping[str, AnyArray]
 """Every dataset of the file by its path in it."""
-
-Groups = Mapping[str, Mapping[str, float | str]]
-"""Attributes of the groups by group and name."""
 
 
 def key(group: str, name: str) -> str:
@@ -123,12 +108,7 @@ def key(group: str, name: str) -> str:
     return f"{group}/{name}" if group else name
 
 
-def is_claim(path: str) -> bool:
-    """True for a variable, by its path in the file, that only files with claims have."""
-    return path in CLAIMS
-
-
-_RASTERS = ("overview", "overview_levels", "coverage_map")
+_RASTERS = ("overview", *LEVELS, "coverage_map")
 """Groups of rasters in the plane of the overview."""
 
 CRS, CRS_ATTRIBUTE = "crs", "grid_mapping"
@@ -139,7 +119,7 @@ def grid_mapping(group: str, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Attributes of `CRS` of a group with the attributes ``numbers``; empty for a group without. ValueError
     for a plane that does not exist.
     """
-    if group in ("coverage", "guarantee", "coverage_levels"):
+    if group in ("coverage", "promise", "coverage_levels"):
         return {
             "grid_mapping_name": "latitude_longitude",
             "longitude_of_prime_meridian": 0.0,
@@ -215,13 +195,10 @@ def variable_attributes(
 _VIEWS = "view_off_nadir view_azimuth view_altitude"
 """Coordinates of variables that depend on the view."""
 
-LEVEL = "level"
-"""Coordinate of points that files without claims, and those before schema 2.5, do not name."""
-
 _PLACES = {
-    "": ("point", f"point_id longitude latitude {LEVEL}"),
+    "": ("point", "point_id longitude latitude level"),
     "coverage": ("cell", "longitude latitude"),
-    "guarantee": ("place", "longitude latitude"),
+    "promise": ("place", "longitude latitude"),
     "coverage_levels": ("block", "longitude latitude"),
 }
 """Dimension of a group's places, and their coordinates."""
@@ -243,77 +220,6 @@ def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
     return {"coordinates": f"{own} {_VIEWS}" if "view" in variable.dims else own}
 
 
-def without_level(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Attributes of a variable in files that do not name `LEVEL`."""
-    names = [name for name in str(attributes.get("coordinates", "")).split() if name != LEVEL]
-    return attributes | ({"coordinates": " ".join(names)} if names else {})
-
-
-def former_attributes(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Attributes of a variable in files of `schema.WITHOUT_PLACES`."""
-    new = (CRS_ATTRIBUTE, "axis")
-    found = {name: value for name, value in attributes.items() if name not in new}
-    if np.isnan(found.get("_FillValue", 0)):
-        del found["_FillValue"]
-    if str(found.get("standard_name", "")).startswith("projection"):
-        del found["standard_name"]
-    coordinates = found.pop("coordinates", "")
-    return found | ({"coordinates": _VIEWS} if _VIEWS in coordinates else {})
-
-
 def centred(count: int) -> NDArray[np.int32]:
     """Indices of a patch's nodes counted from its centre."""
     return np.arange(count, dtype=np.int32) - count // 2
-
-
-def split(values: Values) -> tuple[dict[str, AnyArray], dict[str, AnyArray]]:
-    """The variables of every catalogue, and those of some catalogues only."""
-    optional = {name: values[name] for name in OPTIONAL if name in values}
-    return {name: values[name] for name in values if name not in optional}, optional
-
-
-def digest(values: Values, attributes: dict[str, Any], groups: Groups) -> str:
-    """SHA-256 over names, shapes and content: detects damage where HDF5 has no checksum of its own.
-
-    ``values``: arrays, or what gives arrays for slices along the first axis; numbers are read piece by
-    piece, text as a whole. While a piece is read, a thread adds the one before.
-    """
-    total = hashlib.sha256(json.dumps([attributes, groups], sort_keys=True).encode())
-    with ThreadPoolExecutor(1, "digest") as pool:
-        before: Future[None] | None = None
-        for piece in _pieces(values):
-            if before is not None:
-                before.result()
-            before = pool.submit(total.update, piece)
-        if before is not None:
-            before.result()
-    return total.hexdigest()
-
-
-def _pieces(values: Values) -> Iterator[bytes]:
-    """Names, shapes and content as `digest` adds them."""
-    for name in sorted(values):
-        array = values[name]
-        yield f"{name} {array.shape}".encode()
-        if array.dtype == object:
-            yield json.dumps(list(array.ravel())).encode()
-            continue
-        rows = max(1, _PIECE_BYTES // max(1, array[:1].nbytes))
-        for start in range(0, len(array), rows):
-            yield array[start : start + rows].tobytes()
-
-
-def digests(
-    values: Values,
-    attributes: dict[str, Any],
-    groups: Groups,
-    optional: dict[str, Any],
-) -> dict[str, Any]:
-    """The attributes that only some catalogues have, and the digests of the common and of the
-    optional content.
-    """
-    plain, extra = split(values)
-    found: dict[str, Any] = {"content_sha256": digest(plain, attributes, groups)}
-    if optional:
-        found |= optional | {"albedo_sha256": digest(extra, optional, {})}
-    return found

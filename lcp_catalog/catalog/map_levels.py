@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,27 +11,22 @@ from numpy.typing import NDArray
 from ..arrays import AnyArray, Array
 from ..constants import MOON_RADIUS_M
 from ..geometry.map_plane import ORTHOGRAPHIC
-from .catalogue import Coverage, CoverageLevels, Overview, OverviewLevels
+from .model import Coverage, CoverageLevels, Overview
 from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, LEVEL_FACTORS
 
 _CELLS_AT_ONCE = 4096
 
 
-def overview_levels(view: Overview) -> OverviewLevels | None:
-    """Means of 2 x 2, 4 x 4 and 8 x 8 nodes of an overview; None for one in a tangent plane."""
+def overview_levels(view: Overview) -> tuple[Overview, ...]:
+    """Means of 2 x 2, 4 x 4 and 8 x 8 nodes of an overview; none for one in a tangent plane."""
     if view.projection == ORTHOGRAPHIC:
-        return None
-    found: dict[str, AnyArray] = {}
-    height, x, y = np.asarray(view.height), np.asarray(view.x), np.asarray(view.y)
-    for factor in LEVEL_FACTORS:
-        height, x, y = _halved(height), _middles(x), _middles(y)
-        found |= {f"height_{factor}": height, f"x_{factor}": x, f"y_{factor}": y}
-    return OverviewLevels(
-        **found,
-        center_lon=view.center_lon,
-        center_lat=view.center_lat,
-        projection=view.projection,
-    )
+        return ()
+    found = [view]
+    for _ in LEVEL_FACTORS:
+        finer = found[-1]
+        height, x, y = _halved(finer.height), _middles(finer.x), _middles(finer.y)
+        found.append(replace(view, height=height, x=x, y=y))
+    return tuple(found[1:])
 
 
 def _halved(height: AnyArray) -> AnyArray:

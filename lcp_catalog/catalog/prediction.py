@@ -122,7 +122,7 @@ def predict(
     pixel = np.asarray(pixel_m, np.float64).reshape(-1)
     if not len(rows) == len(sun) == len(view) == len(pixel):
         raise ValueError("rows, sun_enu, view_enu and pixel_m differ in length")
-    if not catalog.has_claims or not len(rows):
+    if not len(rows):
         return _none(len(rows))
     axes = (
         _scale_weights(catalog, pixel / catalog.gsd[rows]),
@@ -186,7 +186,7 @@ def _interpolated(
     spread = 1.0 - (weight**2).sum(axis=1)
     missing = 1.0 - weight.sum(axis=1)
     lowered = _logistic(mean_logit - BETWEEN_MARGIN * spread - BEYOND_MARGIN * missing)
-    likely = reaches(lowered, float(catalog.min_detection or 1.0))
+    likely = reaches(lowered, catalog.min_detection)
     none, shadow, occlusion, unlikely = (
         CAUSES.index(name) for name in ("not evaluated", "shadow", "occlusion", "detection")
     )

@@ -1,11 +1,11 @@
-"""How a catalogue keeps what it promises (`catalogue.Guarantee`), in figures for people: by cause, by Sun,
+"""How a catalogue keeps what it promises (`model.Promise`), in figures for people: by cause, by Sun,
 and by the number of points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from ..constants import MOON_RADIUS_M
 from ..geometry.frames import lonlat_to_mcmf
-from .catalogue import Catalog, Guarantee, Promises
+from .catalogue import Catalog
+from .model import Promise
 from .schema import NO_CELL, Cause
 from .sun_cells import SunCells
 
@@ -23,71 +24,45 @@ WORST = 5
 _CURVE_STEPS = 12
 
 
-def single_promises(catalog: Catalog) -> tuple[Guarantee, Promises] | None:
-    """The guarantee of a catalogue with its promises one by one, also if it is a single one; None without."""
-    told = catalog.guarantee
-    if told is None:
-        return None
-    if catalog.promises is not None:
-        return told, catalog.promises
-    count, gsd_m = np.array([len(told.longitude)]), np.max(catalog.gsd, initial=0.0)
-    figures = (round(told.per_view), told.footprint_m, told.radius_m, told.lower_bound)
-    return told, Promises(count, np.array([gsd_m]), *(np.array([value]) for value in figures))
-
-
-def merged_promises(
-    catalogs: Sequence[Catalog], lost: Sequence[Index]
-) -> tuple[Guarantee | None, Promises | None]:
-    """The guarantees of catalogues whose points stand in one file, but for the rows ``lost`` of each;
-    promise after promise from fine to coarse cells. (None, None) without a guarantee.
+def merged_promise(catalogs: Sequence[Catalog], lost: Sequence[Index]) -> Promise | None:
+    """The promises of catalogues whose points stand in one file, but for the rows ``lost`` of each;
+    promise after promise from fine to coarse cells. None without one.
 
     Points of one do not count for the promises of another, and a lost point is taken from all
     conditions near it: there may be more points than stated. The curves against the number of
     points are left out.
     """
-    given = []
-    for catalog, rows in zip(catalogs, lost, strict=True):
-        found = single_promises(catalog) if len(catalog) else None
-        if found is not None:
-            given.append((_without(catalog, rows, *found), found[1]))
-    if not given:
-        return None, None
-    parts = [(told, own, k) for told, own in given for k in range(len(own.gsd))]
-    parts.sort(key=lambda part: float(part[1].gsd[part[2]]))
-    columns = {
-        field.name: np.array([getattr(own, field.name)[k] for _, own, k in parts])
-        for field in fields(Promises)
+    given = [
+        _without(catalog, rows, catalog.promise)
+        for catalog, rows in zip(catalogs, lost, strict=True)
+        if catalog.promise is not None and len(catalog)
+    ]
+    parts = [(told, k) for told in given for k in range(len(told.gsd))]
+    if not parts:
+        return None
+    parts.sort(key=lambda part: float(part[0].gsd[part[1]]))
+    columns: dict[str, AnyArray] = {
+        name: np.array([getattr(told, name)[k] for told, k in parts])
+        for name in ("places", "gsd", "per_view", "footprint", "radius", "lower_bound")
     }
-    promises = Promises(**columns)
-    names = ("longitude", "latitude", "demand", "points", "cause")
-    joined = {
-        name: np.concatenate([getattr(told, name)[own.parts()[k]] for told, own, k in parts])
-        for name in names
+    columns |= {
+        name: np.concatenate([getattr(told, name)[told.parts()[k]] for told, k in parts])
+        for name in ("longitude", "latitude", "demand", "points", "cause")
     }
-    bounds, nothing = promises.lower_bound, np.zeros(0)
-    guarantee = Guarantee(
-        **joined,
-        size=nothing.astype(np.int32),
-        met=nothing,
-        served=nothing,
-        per_view=float(promises.per_view.max()),
-        footprint_m=float(promises.footprint.max()),
-        radius_m=float(promises.radius.max()),
-        lower_bound=float(bounds.sum()) if (bounds > 0.0).all() else 0.0,
-    )
-    return guarantee, promises
+    nothing = np.zeros(0)
+    return Promise(**columns, size=nothing.astype(np.int32), met=nothing, served=nothing)
 
 
-def _without(catalog: Catalog, rows: Index, told: Guarantee, own: Promises) -> Guarantee:
-    """The guarantee without points (rows) of the catalogue."""
-    radius = np.repeat(own.radius, own.places)
+def _without(catalog: Catalog, rows: Index, told: Promise) -> Promise:
+    """The promise without points (rows) of the catalogue."""
+    radius = np.repeat(told.radius, told.places)
     gone = np.zeros(len(told.longitude), np.int64)
     here = lonlat_to_mcmf(told.longitude, told.latitude, 0.0)
     for row in rows.tolist():
         there = lonlat_to_mcmf(catalog.longitude[row], catalog.latitude[row], 0.0)
         chord = np.linalg.norm(here - there, axis=-1)
         arc = 2.0 * MOON_RADIUS_M * np.arcsin(np.minimum(1.0, 0.5 * chord / MOON_RADIUS_M))
-        gone += (arc <= radius) & np.isin(catalog.gsd[row], own.gsd)
+        gone += (arc <= radius) & np.isin(catalog.gsd[row], told.gsd)
     nothing = told.cause == NO_CELL
     left = np.maximum(told.points.astype(np.int64) - gone[:, None, None, None], 0)
     points = np.where(nothing, NO_CELL, left).astype(np.uint8)
@@ -105,28 +80,28 @@ def kept_promise(catalog: Catalog) -> dict[str, Any] | None:
     number of points and the share of the conditions with as many points as the candidates allow;
     ``levels``: the figures of each of several promises, else empty.
     """
-    promise = catalog.guarantee
+    promise = catalog.promise
     if promise is None:
         return None
-    cause = catalog.part("guarantee/cause")
-    bound = promise.lower_bound
+    cause = catalog.part("promise/cause")
+    bound = promise.least_points
     steps = np.unique(np.linspace(0, len(promise.size) - 1, _CURVE_STEPS).astype(np.int64))
-    several = catalog.promises
-    levels = [] if several is None else zip(several.parts(), range(len(several.gsd)), strict=True)
+    whole = _kept(cause, promise.per_view.max(), promise.footprint.max())
+    levels = [
+        {"gsd_m": float(promise.gsd[k])}
+        | _kept(cause[part], promise.per_view[k], promise.footprint[k])
+        for k, part in enumerate(promise.parts())
+        if len(promise.gsd) > 1
+    ]
     return {
-        **_kept(cause, promise.per_view, promise.footprint_m),
+        **whole,
         "lower_bound": bound or None,
         "size_over_bound": len(catalog) / bound if bound else None,
         "worst_suns": _worst(catalog, cause),
         "curve": [
             [int(promise.size[k]), float(promise.met[k])] for k in steps if len(promise.size)
         ],
-        "levels": [
-            {"gsd_m": float(several.gsd[k])}
-            | _kept(cause[part], several.per_view[k], several.footprint[k])
-            for part, k in levels
-            if several is not None
-        ],
+        "levels": levels,
     }
 
 

@@ -32,7 +32,7 @@ from .charts import (
 from .claim_map import claim_map
 from .hdf5 import Catalog, open_catalog
 from .promise import worst_text
-from .schema import COVERAGE_STATUS, LEVEL_FACTORS
+from .schema import COVERAGE_STATUS, SCHEMA_VERSION
 from .summary import (
     Statistics,
     coverage_counts,
@@ -105,7 +105,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         orders=ORDERS,
         cards=[_card(catalog, statistics, disc, int(i)) for i in chosen],
         software_version=catalog.software_version,
-        schema_version=catalog.schema_version,
+        schema_version=SCHEMA_VERSION,
         sources=_sources(catalog),
         config=catalog.config,
         scene_plan=json.dumps(catalog.scene_plan, indent=1, sort_keys=True, ensure_ascii=False),
@@ -114,15 +114,14 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
 
 def _chart(catalog: Catalog) -> ReliefMap:
     view = catalog.overview
-    if catalog.overview_levels is not None:
-        levels = (catalog.overview_levels.level(factor) for factor in LEVEL_FACTORS)
-        finest_first = (view, *levels)
+    if catalog.overview_levels:
+        finest_first = (view, *catalog.overview_levels)
         view = next((one for one in finest_first if max(one.height.shape) <= MAP_PX), view)
     return ReliefMap(view.height, view.x, view.y, view.plane)
 
 
 def _claims(catalog: Catalog, statistics: Statistics, disc: SunDisc) -> dict[str, Any] | None:
-    """The section of the claims: its numbers as JSON, its map and its disc; None without claims."""
+    """The section of the claims: its numbers as JSON, its map and its disc; None without points."""
     chart = _chart(catalog)
     found = claim_map(catalog, chart, statistics.suns)
     if found is None:
@@ -172,7 +171,7 @@ def _promise(catalog: Catalog, found: dict[str, Any]) -> dict[str, Any] | None:
     """The section of the promise: its figures, its worst Suns, and its chart against the number of
     points; None without one.
     """
-    told, stored = found["promise"], catalog.guarantee
+    told, stored = found["promise"], catalog.promise
     if told is None or stored is None:
         return None
     chart = None

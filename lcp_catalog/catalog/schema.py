@@ -12,35 +12,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
 
-SCHEMA_VERSION = "2.5"
-"""Version of files that state claims; later minor versions are read as well."""
-
-UNCLAIMED_VERSION = "1.6"
-"""Version of files without claims: readers of schema 1 open them."""
-
-WITHOUT_PLACES = ("1.0", "1.1", "1.2", "2.0", "2.1")
-"""Versions whose variables do not name their coordinates and their CRS."""
-
-FORMER_NAMES = {
-    "elevation_sigma": ("published 1-sigma of the DEM product's heights, NaN for none",),
-    "dem_resolution": ("published true ground resolution of the DEM product, NaN for none",),
-}
-"""`long_name` of variables in files of earlier versions."""
-
-ADDED_IN_1_1 = ("elevation_sigma", "dem_resolution")
-"""Variables that files of schema 1.0 lack; they are read as NaN."""
+SCHEMA_VERSION = "3.0"
+"""Version of the files that are written and read."""
 
 PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 """Variables stored as small whole numbers; the catalogue in memory holds them unpacked."""
 
-CLAIMS = ("image_scale", *PACKED, "universal", "level", "coverage/usable")
-"""Variables that files lack that state no claims (before schema 2.0), by their path in the file."""
-
-OPTIONAL_GROUPS = ("guarantee", "promises", "overview_levels", "coverage_levels", "coverage_map")
+OPTIONAL_GROUPS = (
+    "promise",
+    "overview_2",
+    "overview_4",
+    "overview_8",
+    "coverage_levels",
+    "coverage_map",
+)
 """Groups that a file has only if the catalogue was built with them."""
 
 OPTIONAL = ("albedo",)
-"""Variables that a file has only if the catalogue was built with them (since schema 1.2)."""
+"""Variables that a file has only if the catalogue was built with them."""
 
 FLAG_MASKS = (1, 2, 4, 8, 16)
 FLAG_MEANINGS = ("evaluated", "localizable", "unique", "unshadowed", "unoccluded")
@@ -92,7 +81,7 @@ class Cause(IntEnum):
 
 
 NO_CELL = 255
-"""Value of ``guarantee/points`` and ``guarantee/cause`` where nothing is promised."""
+"""Value of ``promise/points`` and ``promise/cause`` where nothing is promised."""
 
 
 class Variable(NamedTuple):
@@ -262,21 +251,6 @@ OVERVIEW = {
 LEVEL_FACTORS = (2, 4, 8)
 """Nodes of the overview along the side of one of a level; cells of the coverage likewise."""
 
-OVERVIEW_LEVELS = {
-    f"{name}_{factor}": variable
-    for factor in LEVEL_FACTORS
-    for name, variable in {
-        "height": Variable(
-            (f"y_{factor}", f"x_{factor}"),
-            "f4",
-            "m",
-            f"mean height of {factor} x {factor} nodes of the overview",
-        ),
-        "x": Variable((f"x_{factor}",), "f8", "m", "east of the centre, orthographic"),
-        "y": Variable((f"y_{factor}",), "f8", "m", "north of the centre, orthographic"),
-    }.items()
-}
-
 COVERAGE = {
     "cell": Variable(("cell",), "i4", "1", "number of the spacing cell"),
     "longitude": Variable(("cell",), "f8", "degrees_east", "longitude of the cell's centre"),
@@ -315,7 +289,7 @@ COVERAGE_MAP = {
 
 _NEAR = ("place", "view", "sun_elevation", "sun_azimuth")
 
-GUARANTEE = {
+PROMISE = {
     "place": Variable(("place",), "i4", "1", "number of the place"),
     "longitude": Variable(("place",), "f8", "degrees_east", "longitude of the place"),
     "latitude": Variable(("place",), "f8", "degrees_north", "latitude of the place"),
@@ -335,22 +309,18 @@ GUARANTEE = {
     "served": Variable(
         ("step",), "f8", "1", "share of all points that places and conditions ask for"
     ),
-}
-
-
-PROMISES = {
-    "promise": Variable(("promise",), "i4", "1", "number of the promise"),
+    "part": Variable(("part",), "i4", "1", "number of the promise of one cell size and region"),
     "places": Variable(
-        ("promise",), "i4", "1", "number of its places; those of the first promise come first"
+        ("part",), "i4", "1", "number of its places; those of the first promise come first"
     ),
-    "gsd": Variable(("promise",), "f8", "m", "cell size of the points that it counts"),
-    "per_view": Variable(("promise",), "i4", "1", "usable points promised in a footprint"),
-    "footprint": Variable(("promise",), "f8", "m", "diameter of the ground that a camera sees"),
+    "gsd": Variable(("part",), "f8", "m", "cell size of the points that it counts"),
+    "per_view": Variable(("part",), "i4", "1", "usable points promised in a footprint"),
+    "footprint": Variable(("part",), "f8", "m", "diameter of the ground that a camera sees"),
     "radius": Variable(
-        ("promise",), "f8", "m", "around a place that every camera sees whose nearest place it is"
+        ("part",), "f8", "m", "around a place that every camera sees whose nearest place it is"
     ),
     "lower_bound": Variable(
-        ("promise",), "f8", "1", "points that every choice with the same promise has at least"
+        ("part",), "f8", "1", "points that every choice with the same promise has at least"
     ),
 }
 

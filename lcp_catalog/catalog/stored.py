@@ -1,4 +1,6 @@
-"""A catalogue in its file: variables are read when they are used, whole or in part."""
+"""A catalogue in its file: variables are read when they are used, whole or in part, and each chunk is checked
+before a value of it is used.
+"""
 
 from __future__ import annotations
 
@@ -17,33 +19,16 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from ..errors import CatalogError
-from .catalogue import (
-    BLOCK_BYTES,
-    Catalog,
-    Coverage,
-    CoverageLevels,
-    CoverageMap,
-    Guarantee,
-    Overview,
-    OverviewLevels,
-    Promises,
-)
-from .file_structure import HDF5_ERRORS, group_names, line_of, variables
-from .layout import (
-    CLAIM_ATTRIBUTES,
-    GLOBAL_ATTRIBUTES,
-    GROUP_ATTRIBUTES,
-    GROUPS,
-    NUMBERS,
-    OPTIONAL_ATTRIBUTES,
-    TEXT,
-    key,
-)
+from .catalogue import Catalog
+from .file_structure import global_names, group_names, has_group, variables
+from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
+from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT
+from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray
 from .packing import packing
-from .schema import ADDED_IN_1_1, OPTIONAL_GROUPS, PACKED, Variable
+from .schema import PACKED, Variable
 
-_DEFAULTS = {name: np.nan for name in ADDED_IN_1_1} | {"level": np.int32(0)}
-"""Values of per-point variables that files of older schemas lack."""
+_TEXT_BYTES = 64
+"""Bytes that a text is taken to need in memory."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +50,7 @@ class StoredFile:
             raise CatalogError(f"{path}: {text}") from error
         if not stat.S_ISREG(facts.st_mode):
             raise CatalogError(f"{path}: is not a plain file")
-        return cls(str(path), _stamp(facts))
+        return cls(str(path), (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns))
 
     @property
     def size(self) -> int:
@@ -89,14 +74,12 @@ class StoredFile:
         with file:
             try:
                 yield file
-            except CatalogError:
-                raise
+            except CatalogError as error:
+                raise CatalogError(
+                    f"{self.path}: {str(error).removeprefix(f'{self.path}: ')}"
+                ) from error
             except HDF5_ERRORS as error:
                 raise CatalogError(f"{self.path}: is damaged: {line_of(error)}") from error
-
-
-def _stamp(facts: os.stat_result) -> tuple[int, ...]:
-    return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns
 
 
 # -- parts of an open file
@@ -108,14 +91,14 @@ def read_part(file: h5py.File, name: str, variable: Variable, *index: Any) -> An
     """
     dataset = file[name]
     scattered = bool(index) and isinstance(index[0], np.ndarray)
-    array = _read_rows(dataset, *index) if scattered else np.asarray(dataset[index])
+    array = _read_rows(dataset, index[0], index[1:]) if scattered else np.asarray(dataset[index])
     if variable.dtype != TEXT:
         return array
     texts = [bytes(text).decode("utf-8") for text in np.atleast_1d(array)]
     return np.array(texts, dtype=object).reshape(np.shape(array))
 
 
-def _read_rows(dataset: h5py.Dataset, rows: Index, *rest: Any) -> AnyArray:
+def _read_rows(dataset: h5py.Dataset, rows: Index, rest: tuple[Any, ...]) -> AnyArray:
     """Rows in any order; every chunk of the file is read once."""
     wanted, place = np.unique(rows, return_inverse=True)
     chunk = wanted // dataset.chunks[0]
@@ -130,10 +113,8 @@ def _read_rows(dataset: h5py.Dataset, rows: Index, *rest: Any) -> AnyArray:
 
 
 def attributes(file: h5py.File) -> dict[str, Any]:
-    """The global attributes of the schema that the file has."""
-    some = (*OPTIONAL_ATTRIBUTES, *CLAIM_ATTRIBUTES)
-    names = (*GLOBAL_ATTRIBUTES, *(name for name in some if name in file.attrs))
-    found = {name: file.attrs[name] for name in names}
+    """The global attributes of the file."""
+    found = {name: file.attrs[name] for name in global_names(file)}
     return {name: float(value) if name in NUMBERS else str(value) for name, value in found.items()}
 
 
@@ -141,216 +122,84 @@ def group_attributes(file: h5py.File) -> dict[str, dict[str, float | str]]:
     """Attributes of the groups by group and name."""
     found: dict[str, dict[str, float | str]] = {}
     for group in GROUP_ATTRIBUTES:
-        if group in OPTIONAL_GROUPS and group not in file:
-            continue
-        stored = {name: file[group].attrs[name] for name in group_names(file[group], group)}
-        found[group] = {n: v if isinstance(v, str) else float(v) for n, v in stored.items()}
+        if has_group(file, group):
+            stored = {name: file[group].attrs[name] for name in group_names(file[group], group)}
+            found[group] = {n: v if isinstance(v, str) else float(v) for n, v in stored.items()}
     return found
 
 
-def content_digests(stored: StoredFile) -> tuple[str, ...]:
-    """Digests that a catalogue states of its content: of that of every catalogue and, in one with
-    albedo, of the albedo. CatalogError for a file that cannot be read.
-    """
-    with stored.opened() as file:
-        found = attributes(file)
-    return tuple(found[name] for name in ("content_sha256", "albedo_sha256") if name in found)
+def content_sha256(path: Path | str) -> str:
+    """The digest that a catalogue states of its content. CatalogError for a file that cannot be read."""
+    with StoredFile.of(path).opened() as file:
+        return str(file.attrs[CONTENT])
 
 
 # -- the catalogue
 
 
-class _Part:
-    """A variable that is read whole when it is used for the first time."""
-
-    def __init__(self, group: str = "") -> None:
-        self.group = group
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    def __get__(self, found: Any, owner: type) -> Any:
-        if found is None:
-            return self
-        value = found._source.read(key(self.group, self.name))
-        found.__dict__[self.name] = value
-        return value
-
-
-@dataclass(frozen=True, eq=False)
-class _Source:
-    """Reads variables of a file, completed and unpacked as a `Catalog` has them."""
-
-    file: StoredFile
-    shapes: dict[str, tuple[int, ...]]
-    sigma_step_m: float
-
-    def read(self, name: str, *index: Any) -> AnyArray | None:
-        """None for a variable that the catalogue is without."""
-        if name not in self.shapes:
-            if name not in _DEFAULTS:
-                return None
-            whole = np.full(self.shapes["point_id"], _DEFAULTS[name])
-            return np.asarray(whole[index])
-        group, _, short = name.rpartition("/")
-        with self.file.opened() as file:
-            array = read_part(file, name, GROUPS[group][short], *index)
-        return packing(name, self.sigma_step_m).unpacked(array) if name in PACKED else array
-
-
-class StoredCatalog(Catalog):
-    """A catalogue whose variables are read from its file when they are used.
-
-    `part` reads a part of a variable, `within` the points of a box; both leave the rest in the
-    file. A variable that is used as a whole stays in memory. CatalogError where the file is damaged,
-    or was changed since it was opened.
+class FileSource:
+    """Reads variables of a file, unpacked as a `Catalog` has them. What was checked is remembered while the file
+    is unchanged. CatalogError for a file whose digests do not belong together, and for a damaged chunk.
     """
 
-    _source: _Source
-
-    @classmethod
-    def of(cls, stored: StoredFile) -> StoredCatalog:
-        """The catalogue of a file whose structure is sound."""
+    def __init__(self, stored: StoredFile) -> None:
+        self._stored = stored
         with stored.opened() as file:
-            found, groups = attributes(file), group_attributes(file)
-            shapes = {name: file[name].shape for name in variables(file)}
-        held = {name.partition("/")[0] for name in shapes if "/" in name}
-        source = _Source(stored, shapes, found.get("sigma_step_m", 1.0))
-        texts = {name: found[name] for name in _ATTRIBUTES if name in found}
-        for name in ("sources", "scene_plan", "albedo_map", "errors"):
-            texts[name] = json.loads(found.get(name, "null"))
-        catalog = object.__new__(cls)
-        catalog.__dict__.update(
-            texts,
-            sigma_step_m=found.get("sigma_step_m"),
-            overview=_stored(_StoredOverview, source, groups["overview"]),
-            coverage=_stored(_StoredCoverage, source, groups["coverage"]),
-            **{
-                group: _stored(kind, source, groups.get(group, {})) if group in held else None
-                for group, kind in _SOMETIMES.items()
-            },
-            _source=source,
-        )
-        return catalog
+            self._digests = ChunkDigests(file)
+            self.attributes, self.groups = attributes(file), group_attributes(file)
+            self._shapes = {name: file[name].shape for name in variables(file)}
 
-    def __len__(self) -> int:
-        return self._shape("point_id")[0]
+    def read(self, path: str, *index: Any) -> AnyArray:
+        """See `model.Source`."""
+        group, _, short = path.rpartition("/")
+        with self._stored.opened() as file:
+            self._digests.require(file, path, index)
+            array = read_part(file, path, GROUPS[group][short], *index)
+        if path in PACKED:
+            return packing(path, self.attributes["sigma_step_m"]).unpacked(array)
+        return array
 
-    @property
-    def patch_nodes(self) -> int:
-        """Nodes along a patch's side."""
-        return self._shape("dem")[1]
+    def part(self, kind: type[Any], group: str) -> Any:
+        """The part of the model in a group; None for a group that the file is without."""
+        arrays = self.arrays(kind, group)
+        return kind(**arrays, **self.groups.get(group, {})) if arrays else None
 
-    def _shape(self, name: str) -> tuple[int, ...]:
-        """Shape of a variable; a changed copy (`dataclasses.replace`) has all of them in memory."""
-        known = self.__dict__.get(name)
-        return self._source.shapes[name] if known is None else np.shape(known)
-
-    def part(self, name: str, *index: Any) -> AnyArray:
-        """See `Catalog.part`."""
-        group, _, short = name.rpartition("/")
-        if short in (getattr(self, group) if group else self).__dict__:
-            return super().part(name, *index)
-        found = self._source.read(name, *index)
-        if found is None:
-            raise CatalogError(f"{self._source.file.path}: has no {name}")
+    def arrays(self, kind: type[Any], group: str) -> dict[str, Any]:
+        """The variables of a part of the model, by the names of its fields."""
+        own = {field.name for field in dataclasses.fields(kind)}
+        found: dict[str, Any] = {}
+        for path, shape in self._shapes.items():
+            above, _, short = path.rpartition("/")
+            if above == group and short in own:
+                size = _item_bytes(GROUPS[group][short])
+                row = size * int(np.prod(shape[1:], dtype=np.int64))
+                found[short] = StoredArray(self, path, shape, row)
         return found
 
-    def at(self, name: str, rows: Index, *index: Index) -> AnyArray:
-        """See `Catalog.at`. Of the file those chunks are read that hold the points, and kept is the
-        box of the indices.
-        """
-        if name in self.__dict__ or not len(rows):
-            return super().at(name, rows, *index)
-        low = [int(along.min()) for along in index]
-        box = [slice(k, int(along.max()) + 1) for k, along in zip(low, index, strict=True)]
-        wanted, place = np.unique(rows, return_inverse=True)
-        step = max(1, BLOCK_BYTES // max(1, self.row_bytes(name)))
-        parts, order = [], np.argsort(place, kind="stable")
-        for start in range(0, len(wanted), step):
-            values = self.part(name, wanted[start : start + step], *box)
-            first, last = np.searchsorted(place[order], [start, start + step])
-            here = order[first:last]
-            inner = (along[here] - k for k, along in zip(low, index, strict=True))
-            parts.append(values[(place[here, None] - start, *inner)])
-        return np.asarray(np.concatenate(parts)[np.argsort(order)])
 
-    def row_bytes(self, name: str) -> int:
-        """See `Catalog.row_bytes`."""
-        if name in self.__dict__:
-            return super().row_bytes(name)
-        variable = GROUPS[""][name]
-        size = 64 if variable.dtype == TEXT else np.dtype(variable.dtype).itemsize
-        return int(np.prod(self._source.shapes[name][1:])) * size
+def _item_bytes(variable: Variable) -> int:
+    return _TEXT_BYTES if variable.dtype == TEXT else np.dtype(variable.dtype).itemsize
 
 
-class _StoredOverview(Overview):
-    _source: _Source
+def stored_catalog(stored: StoredFile) -> Catalog:
+    """The catalogue of a file whose structure is sound."""
+    source = FileSource(stored)
+    stated = {name: source.attributes[name] for name in _TEXTS}
+    levels = (source.part(Overview, group) for group in LEVELS)
+    return Catalog(
+        **source.arrays(Catalog, ""),
+        **stated,
+        **{name: json.loads(source.attributes.get(name, "null")) for name in _DOCUMENTS},
+        sigma_step_m=source.attributes["sigma_step_m"],
+        overview=source.part(Overview, "overview"),
+        overview_levels=tuple(level for level in levels if level is not None),
+        coverage=source.part(Coverage, "coverage"),
+        coverage_levels=source.part(CoverageLevels, "coverage_levels"),
+        coverage_map=source.part(CoverageMap, "coverage_map"),
+        promise=source.part(Promise, "promise"),
+    )
 
 
-class _StoredCoverage(Coverage):
-    _source: _Source
-
-
-class _StoredGuarantee(Guarantee):
-    _source: _Source
-
-
-class _StoredPromises(Promises):
-    _source: _Source
-
-
-class _StoredOverviewLevels(OverviewLevels):
-    _source: _Source
-
-
-class _StoredCoverageLevels(CoverageLevels):
-    _source: _Source
-
-
-class _StoredCoverageMap(CoverageMap):
-    _source: _Source
-
-
-_SOMETIMES = {
-    "guarantee": _StoredGuarantee,
-    "promises": _StoredPromises,
-    "overview_levels": _StoredOverviewLevels,
-    "coverage_levels": _StoredCoverageLevels,
-    "coverage_map": _StoredCoverageMap,
-}
-"""Classes of the groups that only some catalogues have."""
-
-
-def _stored(cls: type[Any], source: _Source, numbers: dict[str, float | str]) -> Any:
-    found = object.__new__(cls)
-    found.__dict__.update(numbers, _source=source)
-    return found
-
-
-def _read_when_used(cls: type[Any], group: str) -> None:
-    for field in dataclasses.fields(cls):
-        if field.name in GROUPS[group]:
-            part = _Part(group)
-            part.__set_name__(cls, field.name)
-            setattr(cls, field.name, part)
-
-
-_read_when_used(StoredCatalog, "")
-_read_when_used(_StoredOverview, "overview")
-_read_when_used(_StoredCoverage, "coverage")
-for _group, _kind in _SOMETIMES.items():
-    _read_when_used(_kind, _group)
-
-_ATTRIBUTES = (
-    "config",
-    "sources",
-    "scene_plan",
-    "title",
-    "product_version",
-    "software_version",
-    "schema_version",
-    "albedo_map",
-    "errors",
-)
-"""Global attributes that are fields of a catalogue."""
+_TEXTS = ("config", "history", "title", "product_version", "software_version")
+_DOCUMENTS = ("sources", "scene_plan", "albedo_map", "errors")
+"""Global attributes that are fields of a catalogue: texts, and JSON."""

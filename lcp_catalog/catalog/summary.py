@@ -18,8 +18,8 @@ from ..geometry.bounds import enclosing_arc
 from ..plots.numbers import number
 from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
-from .schema import COVERAGE_STATUS, LEVEL_FACTORS, evaluated, usable
-from .stored import StoredCatalog, StoredFile
+from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
+from .stored import StoredFile, stored_catalog
 from .verification import all_problems, apart
 
 
@@ -114,12 +114,10 @@ def describe(path: Path | str) -> dict[str, Any]:
 
 
 def _described(path: str) -> tuple[list[str], dict[str, Any]]:
-    """Problems and figures of a file; figures only if nothing but a digest is wrong."""
+    """Problems and figures of a file; no figures of a bad one."""
     problems = all_problems(path)
-    if any(not line.split(":")[0].endswith("_sha256") for line in problems):
-        return problems, {}
     try:
-        return problems, summary(StoredCatalog.of(StoredFile.of(path)))
+        return problems, {} if problems else summary(stored_catalog(StoredFile.of(path)))
     except CatalogError as error:  # the file changed in between
         return [str(error).removeprefix(f"{path}: ")], {}
 
@@ -132,7 +130,7 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "usable_share": _plain(statistics.share),
         "universal_points": int(catalog.universal.sum()),
         "min_detection": catalog.min_detection,
-        "schema_version": catalog.schema_version,
+        "schema_version": SCHEMA_VERSION,
         "frame": FRAME,
         "software": f"lcp-catalog {catalog.software_version}",
         "sources": catalog.sources,
@@ -140,7 +138,7 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "bounds": bounds(catalog.longitude, catalog.latitude),
         "region": _region(catalog),
         "spacing_m": catalog.coverage.spacing_m,
-        "map_levels": [] if catalog.overview_levels is None else [1, *LEVEL_FACTORS],
+        "map_levels": [1, *LEVEL_FACTORS] if catalog.overview_levels else [],
         "patch_nodes": catalog.patch_nodes,
         "gsd_m": _range(catalog.gsd),
         "levels": _levels(catalog),
@@ -230,9 +228,9 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _known(values: AnyArray | None) -> list[float] | None:
+def _known(values: AnyArray) -> list[float] | None:
     """Smallest and largest of the known figures; None without any."""
-    return None if values is None else _range(values[np.isfinite(values)])
+    return _range(values[np.isfinite(values)])
 
 
 def _range(values: AnyArray) -> list[float] | None:

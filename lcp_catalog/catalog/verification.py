@@ -14,12 +14,13 @@ import h5py
 from ..arrays import AnyArray
 from ..child_process import ChildFailedError, call_apart
 from ..errors import CatalogError
-from .catalogue import BLOCK_BYTES, Catalog
+from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
-from .file_structure import HDF5_ERRORS, line_of, structure_problems, variables
-from .layout import OPTIONAL_ATTRIBUTES, TEXT, Groups, digests
+from .file_structure import structure_problems, variables
+from .integrity import HDF5_ERRORS, ChunkDigests, line_of
+from .model import BLOCK_BYTES
 from .schema import Variable
-from .stored import StoredCatalog, StoredFile, attributes, group_attributes, read_part
+from .stored import StoredFile, attributes, group_attributes, read_part, stored_catalog
 
 _SECONDS = 10.0
 _SECONDS_PER_MB = 1.0
@@ -33,7 +34,7 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     """Open a catalogue.
 
     Variables are read when they are used: `Catalog.part` and `Catalog.within` leave the rest in the
-    file. Before, another process with limits of time and memory checks the structure of the file
+    file. Before, another process with limits of time and memory checks the structure of the file, its digests
     and all its values.
 
     Parameters
@@ -41,8 +42,8 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     path:
         The file.
     check:
-        False: check the structure alone, for a window of a large catalogue; what `Catalog.within`
-        reads is checked in any case.
+        False: check the structure alone, for a window of a large catalogue. In any case the digest of a
+        chunk is checked before a value of it is used.
 
     Raises
     ------
@@ -56,17 +57,17 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     True
     """
     stored = StoredFile.of(path)
-    problems = apart(stored, _check if check else _check_structure)
+    problems = apart(stored, all_problems if check else _structure_problems)
     if problems:
         raise CatalogError(f"{path}: {first_few(problems)}")
-    return StoredCatalog.of(stored)
+    return stored_catalog(stored)
 
 
 def verify(path: Path | str) -> list[str]:
     """All problems of a catalogue, one line each; empty if it is intact.
 
-    Reads every variable of the schema, which checks its checksums, then checks the digest of the
-    content, and the values, in another process. Never raises for a bad file.
+    Reads every variable, which checks its checksums, then checks the values and the digests of all
+    chunks and of the content, in another process. Never raises for a bad file.
     """
     try:
         return list(apart(StoredFile.of(path), all_problems))
@@ -86,20 +87,16 @@ def apart(stored: StoredFile, check: Any) -> Any:
 # -- in the other process
 
 
-def _check_structure(path: str) -> list[str]:
-    return _problems(path, values=False, digest=False)
-
-
-def _check(path: str) -> list[str]:
-    return _problems(path, values=True, digest=False)
+def _structure_problems(path: str) -> list[str]:
+    return _problems(path, content=False)
 
 
 def all_problems(path: str) -> list[str]:
     """All problems of a file, found in this process."""
-    return _problems(path, values=True, digest=True)
+    return _problems(path, content=True)
 
 
-def _problems(path: str, values: bool, digest: bool) -> list[str]:
+def _problems(path: str, content: bool) -> list[str]:
     found: list[str] = []
     try:
         stored = StoredFile.of(path)
@@ -107,13 +104,13 @@ def _problems(path: str, values: bool, digest: bool) -> list[str]:
             found = structure_problems(file, stored.size)
             if found:
                 return found
-            texts, groups = attributes(file), group_attributes(file)
-            found = text_problems(texts, groups)
-            if values:
-                known = "errors" in texts and not any(line.startswith("errors") for line in found)
+            texts = attributes(file)
+            found = text_problems(texts, group_attributes(file))
+            if content:
+                known = not any(line.startswith("errors") for line in found)
                 found += lines(_findings(file, json.loads(texts["errors"]) if known else None))
-            if digest and not any("cannot be read" in line for line in found):
-                found += _digest_problems(file, texts, groups)
+                unread = {line.partition(":")[0] for line in found if "cannot be read" in line}
+                found += ChunkDigests(file).problems(file, unread)
     except CatalogError as error:
         found.append(str(error).removeprefix(f"{path}: "))
     return found
@@ -163,19 +160,3 @@ def _blocks(file: h5py.File, names: list[str], total: int) -> Iterator[slice]:
     step = max(1, BLOCK_BYTES // max(1, row_bytes))
     for start in range(0, max(1, total), step):
         yield slice(start, min(start + step, total))
-
-
-def _digest_problems(file: h5py.File, texts: dict[str, Any], groups: Groups) -> list[str]:
-    """Digests that differ from those of the content."""
-    optional = {name: texts[name] for name in ("albedo_map",) if name in texts}
-    own = ("content_sha256", *OPTIONAL_ATTRIBUTES)
-    plain = {name: value for name, value in texts.items() if name not in own}
-    content = {
-        name: read_part(file, name, variable) if variable.dtype == TEXT else file[name]
-        for name, variable in variables(file).items()
-    }
-    return [
-        f"{name}: the content is not what was written (damaged or edited)"
-        for name, found in digests(content, plain, groups, optional).items()
-        if name.endswith("_sha256") and found != texts.get(name)
-    ]

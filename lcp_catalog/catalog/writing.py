@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import h5py
 import numpy as np
@@ -19,26 +19,31 @@ from ..arrays import AnyArray, Bytes
 from ..atomic_files import write_aside
 from ..errors import CatalogError
 from ..held_signals import HeldSignals
-from .catalogue import Catalog, Coverage, Guarantee, Promises
+from .catalogue import Catalog
 from .checks import first_few, lines, part_findings, shape_problems
 from .chunk_writing import ChunkWriter, Deflate
+from .content import attributes, group_attributes, values
 from .coverage_map import coverage_map
 from .disk_stream import DiskStream
-from .layout import (
-    CRS,
-    GROUPS,
-    TEXT,
-    Values,
-    digests,
-    grid_mapping,
-    key,
-    variable_attributes,
-    without_level,
+from .integrity import (
+    CONTENT,
+    DIGEST_BYTES,
+    DIGESTS,
+    INTEGRITY,
+    TABLE,
+    chunk_grids,
+    content_digest,
+    digest_table,
 )
+from .layout import CRS, GROUPS, TEXT, Values, grid_mapping, key, variable_attributes
 from .map_levels import coverage_levels
+from .model import Coverage, Promise
 from .schema import Variable
 
 _CHUNK_BYTES = 2**18
+
+_NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+"""Name by which netCDF-4 tells a dimension from a coordinate."""
 
 _DEFLATE = Deflate(2)
 """Level 2: 2 % more bytes than level 4 on the sample, a quarter less time."""
@@ -57,11 +62,11 @@ def write_catalog(catalog: Catalog, path: Path | str, overwrite: bool = False) -
 
     Raises OutputExistsError and OutputError as `atomic_files.check_output` does.
     """
-    values = catalog.values()
-    products = values["dem_product"]
+    content = values(catalog)
+    products = content["dem_product"]
     with new_catalog(catalog, len(catalog), products, path, overwrite) as file:
-        file.add(values)
-        file.finish(catalog.coverage, catalog.guarantee, catalog.promises)
+        file.add(content)
+        file.finish(catalog.coverage, catalog.promise)
 
 
 @contextmanager
@@ -92,7 +97,21 @@ def new_catalog(
 
 
 def _create(stream: io.RawIOBase) -> h5py.File:
-    return h5py.File(stream, "w", driver="fileobj", libver=("earliest", "v110"), track_order=True)
+    """A new file of the format of HDF5 1.10, whose records have checksums. Its root group holds no time."""
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_libver_bounds(h5py.h5f.LIBVER_V110, h5py.h5f.LIBVER_V110)
+    access.set_fileobj_driver(h5py.h5fd.fileobj_driver, stream)
+    made = h5py.h5p.create(h5py.h5p.FILE_CREATE)
+    _in_order_without_times(made)
+    return h5py.File(h5py.h5f.create(b"catalogue", h5py.h5f.ACC_TRUNC, fapl=access, fcpl=made))
+
+
+def _in_order_without_times(made: Any) -> None:
+    """Properties of a group that is to list its members in the order of their making, without times."""
+    order = h5py.h5p.CRT_ORDER_TRACKED | h5py.h5p.CRT_ORDER_INDEXED
+    made.set_link_creation_order(order)
+    made.set_attr_creation_order(order)
+    made.set_obj_track_times(False)
 
 
 class _Flags:
@@ -126,12 +145,12 @@ class NewCatalog:
         self._head, self._points, self._file, self._stream = head, points, file, stream
         self._signals = signals
         self._text_bytes = max((len(name.encode()) for name in products), default=1) or 1
-        self._fixed, self._added = head.values(), 0
+        self._fixed, self._added = values(head), 0
         self._fixed["point"] = np.arange(points, dtype=np.int32)
         self._of_points = [
             name
             for name, variable in GROUPS[""].items()
-            if variable.dims[0] == "point" and name in self._fixed and name != "point"
+            if name in self._fixed and _is_of_points(name, variable)
         ]
         self._rows = ChunkWriter(self._check)
         self._create_group("")
@@ -158,11 +177,11 @@ class NewCatalog:
         self._added += len(points["point_id"])
         self._require_sound(points)
         for name in self._of_points:
-            values, dataset = points[name], self._file[name]
-            if values.dtype == object:
-                values = self._as_bytes(values)
+            array, dataset = points[name], self._file[name]
+            if array.dtype == object:
+                array = self._as_bytes(array)
             deflate = _DEFLATE_RUNS if name in _RUNS else _DEFLATE
-            self._rows.add(dataset, values.astype(dataset.dtype, copy=False), deflate)
+            self._rows.add(dataset, array.astype(dataset.dtype, copy=False), deflate)
         if self._added == self._points:
             self._rows.finish()
 
@@ -172,21 +191,16 @@ class NewCatalog:
         self._signals.release()
 
     def _require_sound(self, points: Values) -> None:
-        values = self._fixed | {name: points[name] for name in self._of_points}
-        values["point"] = np.arange(len(points["point_id"]), dtype=np.int32)
-        problems = shape_problems({name: array.shape for name, array in values.items()})
-        problems = problems or lines(part_findings("points", values, self._head.errors))
+        some = self._fixed | {name: points[name] for name in self._of_points}
+        some["point"] = np.arange(len(points["point_id"]), dtype=np.int32)
+        problems = shape_problems({name: array.shape for name, array in some.items()})
+        problems = problems or lines(part_findings("points", some, self._head.errors))
         if problems:
             raise CatalogError(f"not a catalogue: {first_few(problems)}")
 
-    def finish(
-        self,
-        coverage: Coverage,
-        guarantee: Guarantee | None = None,
-        promises: Promises | None = None,
-    ) -> None:
-        """Write the groups, the attributes and the digests of the content, which is read again.
-        CatalogError if points are missing or have the same id.
+    def finish(self, coverage: Coverage, promise: Promise | None = None) -> None:
+        """Write the groups, the attributes and the digests. CatalogError if points are missing or have the same
+        id.
         """
         if self._added != self._points:
             raise CatalogError(f"{self._added} points were added instead of {self._points}")
@@ -197,41 +211,47 @@ class NewCatalog:
         head = dataclasses.replace(
             self._head,
             coverage=coverage,
-            guarantee=guarantee,
-            promises=promises,
+            promise=promise,
             coverage_levels=coverage_levels(coverage) if self._head.overview_levels else None,
             coverage_map=coverage_map(coverage, self._head.overview.plane),
         )
-        self._fixed = head.values()
-        for group in GROUPS:
-            if group and getattr(head, group) is not None:
-                self._create_group(group, head.group_attributes().get(group, {}))
-        attributes = head.attributes()
-        more = digests(
-            {name: self._stored(name) for name in self._fixed},
-            attributes,
-            head.group_attributes(),
-            head.optional_attributes(),
-        )
-        self._file.attrs.update(attributes | more)
+        self._fixed, stated = values(head), group_attributes(head)
+        for group in head.groups():
+            if group:
+                self._create_group(group, stated.get(group, {}))
+        self._file.attrs.update(attributes(head))
+        self._write_digests()
         self._file.flush()
         self._check()
 
-    def _stored(self, name: str) -> AnyArray:
-        """A variable of the file; text as strings."""
-        dataset = self._file[name]
-        if h5py.check_string_dtype(dataset.dtype) is None:
-            return dataset
-        texts = dataset[()].tolist()
-        names = {text: text.decode() for text in set(texts)}  # few: the names of products
-        return np.array([names[text] for text in texts], dtype=object)
+    def _write_digests(self) -> None:
+        """The table of the chunks' digests, and the digest of the content."""
+        written = self._rows.digests
+        layouts = {path: (self._file[path].shape, self._file[path].chunks) for path in written}
+        table = digest_table(written, chunk_grids(layouts))
+        place = self._group(INTEGRITY)
+        for name, length in (("chunk", len(table)), ("byte", DIGEST_BYTES)):
+            bare = place.create_dataset(name, (length,), ">f4", track_times=False)
+            bare.make_scale(f"{_NO_VARIABLE}{length:10d}")
+        shape = (max(1, min(len(table), _CHUNK_BYTES // DIGEST_BYTES)), DIGEST_BYTES)
+        dataset = place.create_dataset(
+            TABLE, data=table, chunks=shape, fletcher32=True, track_times=False
+        )
+        dataset.attrs.update(variable_attributes(INTEGRITY, TABLE, DIGESTS))
+        for axis, name in enumerate(DIGESTS.dims):
+            dataset.dims[axis].attach_scale(place[name])
+        self._file.attrs[CONTENT] = content_digest(self._file, table)
 
-    def _create_group(
-        self, group: str, attributes: Mapping[str, float | str] | None = None
-    ) -> None:
+    def _group(self, name: str) -> h5py.Group:
+        """A new group."""
+        made = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+        _in_order_without_times(made)
+        return h5py.Group(h5py.h5g.create(self._file.id, name.encode(), gcpl=made))
+
+    def _create_group(self, group: str, stated: Mapping[str, float | str] | None = None) -> None:
         """The datasets of a group, with the content of those that are not of points."""
-        place = self._file.create_group(group, track_order=True) if group else self._file
-        place.attrs.update(attributes or {})
+        place = self._group(group) if group else self._file
+        place.attrs.update(stated or {})
         variables = {
             name: variable
             for name, variable in GROUPS[group].items()
@@ -240,22 +260,24 @@ class NewCatalog:
         for name in sorted(variables, key=lambda name: variables[name].dims != (name,)):
             self._create_variable(place, group, name, variables[name])
             self._check()
-        if mapped := grid_mapping(group, attributes or {}):
+        if mapped := grid_mapping(group, stated or {}):
             place.create_dataset(CRS, (), "i4", track_times=False).attrs.update(mapped)
+        for name, variable in variables.items():
+            if not _is_of_points(name, variable):
+                path = key(group, name)
+                self._rows.add(self._file[path], self._fixed[path], _DEFLATE)
+        self._rows.finish()  # so that the order in the file does not depend on threads
 
     def _create_variable(
         self, place: h5py.Group, group: str, name: str, variable: Variable
     ) -> None:
         array = self._fixed[key(group, name)]
-        of_points = variable.dims[0] == "point" and name != "point"
-        shape = (self._points, *array.shape[1:]) if of_points else array.shape
+        shape = (self._points, *array.shape[1:]) if _is_of_points(name, variable) else array.shape
         text = variable.dtype == TEXT
         kind = h5py.string_dtype("utf-8", self._text_bytes) if text else array.dtype
-        attributes = variable_attributes(
+        stated = variable_attributes(
             group, name, variable, self._head.sigma_step_m or 1.0, self._head.overview.projection
         )
-        if not self._head.has_claims:
-            attributes = without_level(attributes)
         dataset = place.create_dataset(
             name,
             shape,
@@ -269,12 +291,9 @@ class NewCatalog:
             shuffle=True,
             fletcher32=True,
             track_times=False,
-            fillvalue=attributes.get("_FillValue"),
+            fillvalue=stated.get("_FillValue"),
         )
-        if not of_points:
-            dataset[...] = array
-        for attribute, value in attributes.items():
-            dataset.attrs[attribute] = value
+        dataset.attrs.update(stated)
         if variable.dims == (name,):
             dataset.make_scale(name)
             return
@@ -288,6 +307,11 @@ class NewCatalog:
         kind = h5py.string_dtype("utf-8", self._text_bytes)
         codes = {text: text.encode() for text in set(texts.tolist())}
         return np.array([codes[text] for text in texts.tolist()], dtype=kind)
+
+
+def _is_of_points(name: str, variable: Variable) -> bool:
+    """True for a variable that is written with the points."""
+    return variable.dims[0] == "point" and name != "point"
 
 
 def _chunks(full: tuple[int, ...], item_bytes: int) -> tuple[int, ...]:

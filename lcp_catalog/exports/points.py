@@ -51,7 +51,7 @@ class ExportedPoints:
         """The points within a box of longitude and latitude in MOON_ME, and of a level; None: all.
         AreaError if there is none.
         """
-        rows = np.arange(len(catalog)) if box is None else catalog.rows_within(*box)
+        rows = np.arange(len(catalog)) if box is None else catalog.rows_within(box)
         if level is not None:
             rows = rows[catalog.part("level", rows) == level]
         if not len(rows):
@@ -101,7 +101,7 @@ class ExportedPoints:
     @cached_property
     def sigma_m(self) -> tuple[Array, Array]:
         """1 sigma of the places, horizontal along each axis and vertical, each (n,); NaN: unknown."""
-        place = float((self.catalog.errors or {}).get("position_sigma_m") or np.nan)
+        place = float(self.catalog.errors.get("position_sigma_m") or np.nan)
         return np.full(len(self), place), np.asarray(self.part("elevation_sigma"))
 
     def blocks(self, name: str) -> Iterator[tuple[slice, AnyArray]]:
@@ -188,7 +188,7 @@ def plain(values: AnyArray, missing: str | None) -> list[Any]:
 def cells(points: ExportedPoints, box: Bounds | None) -> dict[str, AnyArray]:
     """Coverage cells within the box: ``longitude_deg``, ``latitude_deg`` in the frame, ``status``."""
     catalog = points.catalog
-    rows = catalog.cells_within(*box) if box else np.arange(len(catalog.coverage.status))
+    rows = catalog.cells_within(box) if box else np.arange(len(catalog.coverage.status))
     lon, lat, status = (
         catalog.part(f"coverage/{name}", rows) for name in ("longitude", "latitude", "status")
     )

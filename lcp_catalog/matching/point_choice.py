@@ -16,10 +16,9 @@ from ..cameras.sensor import Sensor, pixel_size_m
 from ..cameras.view import border_and_inside
 from ..catalog.catalogue import Catalog
 from ..catalog.public import CatalogOrPath, opened_catalog
-from ..catalog.schema import DETECTION_STEP, usable
+from ..catalog.schema import DETECTION_STEP
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
-from ..geometry.frames import direction_enu
 from ..images.image import Image
 from .point_claims import claimed
 
@@ -144,10 +143,10 @@ def likeliest(
     highest claimed detection probability of each cell, then the second of each cell and so on, in
     each round the highest probabilities first; of equal ones, as they are stored, the smaller sigma.
     Points with a probability below one half come after all others; a point without a claim counts
-    as one half. Points of a catalogue without claims are evenly spread over the list.
+    as one half.
     ``sun_directions`` (n, 3): unit MCMF vectors.
     """
-    if len(rows) <= most or not catalog.has_claims:
+    if len(rows) <= most:
         return evenly(np.arange(len(rows)), most)
     stated = claimed(catalog, rows, sensor, sun_directions)
     probability = np.nan_to_num(stated.detection_probability, nan=0.5)
@@ -179,23 +178,11 @@ def usable_points(
     """True (n,) for the points (rows (n,) of the catalogue) that are usable under a view and a Sun;
     ``sun_directions`` (n, 3): unit MCMF vectors.
 
-    A catalogue with claims says so for the sensor's view and pixel size, between the angles of its
-    grid (`prediction.predict`). Of one without claims the nearest condition counts: first of the
-    views and then of the Suns of its grid, the one at the smallest angle.
+    The catalogue says so for the sensor's view and pixel size, between the angles of its grid
+    (`prediction.predict`).
     """
     rows = np.asarray(points, dtype=np.int64)
-    if catalog.has_claims:
-        return np.asarray(claimed(catalog, rows, sensor, sun_directions).usable)
-    rotation = catalog.rotation_mcmf_to_enu[rows]
-    sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, dtype=np.float64))
-    camera = np.einsum("nij,nj->ni", rotation, sensor.towards(catalog.position_mcmf[rows]))
-    elevation, azimuth = np.meshgrid(catalog.sun_elevation, catalog.sun_azimuth, indexing="ij")
-    suns = direction_enu(azimuth, elevation).reshape(-1, 3)
-    views = direction_enu(catalog.view_azimuth, 90.0 - catalog.view_off_nadir)
-    view = np.argmax(np.nan_to_num(camera, nan=-1.0) @ views.T, axis=1)
-    nearest = np.argmax(sun @ suns.T, axis=1)
-    condition = catalog.condition[rows, view].reshape(len(rows), -1)
-    return usable(condition[np.arange(len(rows)), nearest])
+    return np.asarray(claimed(catalog, rows, sensor, sun_directions).usable)
 
 
 def directions_to_sun(

@@ -37,9 +37,6 @@ class PointClaims:
         cls, catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike
     ) -> PointClaims:
         """Claims about rows (n,) of a catalogue in an image of ``sensor`` under Suns (n, 3)."""
-        if not catalog.has_claims:
-            nothing = np.full(len(rows), np.nan)
-            return cls(nothing, np.full((len(rows), 2, 2), np.nan), np.zeros(len(rows), np.bool_))
         stated = claimed(catalog, rows, sensor, sun_directions)
         probability = np.asarray(stated.detection_probability, np.float64)
         slope = ground_slopes(

@@ -25,10 +25,10 @@ HIGHEST_RAD = math.radians(35.0)
 def shadow_shift_m(catalog: Catalog, rows: Index, sun_enu: ArrayLike) -> Array:
     """1 sigma shifts (n, 2) east and north, metres, of points (rows (n,)) under Suns (n, 3), unit vectors
     in the points' ENU frames. They are of one error: with that error all points move by their shift
-    times the same number. Zero for a catalogue without error model.
+    times the same number.
     """
     sun = np.asarray(sun_enu, np.float64)
-    size = float((catalog.errors or {}).get("shadow_shift", 0.0))
+    size = float(catalog.errors.get("shadow_shift", 0.0))
     level = np.linalg.norm(sun[:, :2], axis=-1)
     elevation = np.clip(np.arctan2(sun[:, 2], level), 0.0, HIGHEST_RAD)
     cells = size * (1.0 - (elevation / HIGHEST_RAD) ** 2)

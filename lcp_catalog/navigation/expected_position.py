@@ -141,7 +141,7 @@ class Answer:
 def answers(catalog: Catalog, frames: Iterable[PlannedImage], query: Query) -> Iterator[Answer]:
     """The answer for every frame, in their order.
 
-    CatalogError for a catalogue that states no detection probabilities; CameraError for a sensor
+    CameraError for a sensor
     without a position (a map).
     """
     for points in points_of_frames(catalog, frames):

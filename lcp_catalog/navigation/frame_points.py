@@ -13,7 +13,6 @@ from ..cameras.view import center_of
 from ..catalog import prediction
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import Prediction, predict
-from ..errors import CatalogError
 from ..geometry.frames import EnuFrame
 from ..light.sun_choice import SunChoice
 from ..matching.point_choice import points_in_view
@@ -64,20 +63,8 @@ class FramePoints:
         return {"in_view": len(self.rows)} | dict(zip(CAUSES, found, strict=True))
 
 
-def require_claims(catalog: Catalog) -> None:
-    """Raise CatalogError for a catalogue that states no detection probabilities."""
-    if not catalog.has_claims:
-        raise CatalogError(
-            "the catalogue states no detection probabilities (schema 1): build it again with this version"
-        )
-
-
 def points_of_frames(catalog: Catalog, frames: Iterable[PlannedImage]) -> Iterator[FramePoints]:
-    """The points in view of every frame. The claims of several frames are read at once.
-
-    CatalogError for a catalogue that states no detection probabilities.
-    """
-    require_claims(catalog)
+    """The points in view of every frame. The claims of several frames are read at once."""
     some: list[_Seen] = []
     for frame in frames:
         some.append(_seen(catalog, frame))

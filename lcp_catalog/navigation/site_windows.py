@@ -23,7 +23,7 @@ from ..ephemeris.times import Instants
 from ..errors import CatalogError
 from ..geometry.frames import EnuFrame, direction_enu
 from .expected_position import LEAST_POINTS, Query, answers
-from .frame_points import PAIRS_AT_ONCE, PlannedImage, require_claims
+from .frame_points import PAIRS_AT_ONCE, PlannedImage
 
 Progress = Callable[[int, int], None]
 
@@ -126,10 +126,7 @@ class SiteWindows:
 def site_windows(
     catalog: Catalog, site: Site, times: Instants, progress: Progress | None = None
 ) -> SiteWindows:
-    """Usable points of a site at instants. CatalogError for a catalogue without claims, and for a
-    site without points.
-    """
-    require_claims(catalog)
+    """Usable points of a site at instants. CatalogError for a site without points."""
     rows = site.rows(catalog)
     rotation = catalog.part("rotation_mcmf_to_enu", rows)
     towards = direction_enu(site.view_azimuth_deg, 90.0 - site.off_nadir_deg)

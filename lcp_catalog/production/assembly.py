@@ -32,9 +32,9 @@ from .checkpoints import Checkpoints
 from .config import BuildConfig, ErrorConfig
 from .evaluation import image_scales
 from .finished_area import record_type
-from .guarantee import Promise
 from .joined_areas import JoinedAreas
 from .levels import sources
+from .promise import PromiseChoice
 from .region_maps import has_heights, overview_bytes, region_coverage, region_overview
 
 BLOCK_BYTES = 2**25
@@ -80,16 +80,14 @@ class Assembly:
 
         AreaFailedError for an area that is lost or damaged; otherwise errors as `new_catalog`.
         """
-        promise = Promise.of(self.region, self.config, self.gsd_m)
-        areas = JoinedAreas.read(checkpoints, names, promise.see if promise else _unseen)
+        choice = PromiseChoice.of(self.region, self.config, self.gsd_m)
+        areas = JoinedAreas.read(checkpoints, names, choice.see if choice else _unseen)
         table, stages = areas.table, areas.table["stage"]
-        if promise:
-            chosen, guarantee = promise.choose(
-                table, self._with_heights(promise), self._most(areas)
-            )
+        if choice:
+            chosen, promise = choice.choose(table, self._with_heights(choice), self._most(areas))
             stages = np.where(stages == USABLE_STAGE, SPARE_STAGE, stages)
         else:
-            chosen, guarantee = choose(table, self.config, self.gsd_m), None
+            chosen, promise = choose(table, self.config, self.gsd_m), None
         head, products = self._head(areas.plan), self.dems.products
         with new_catalog(head, len(chosen), products, output, overwrite) as file:
             kind = record_type(self.config, self.albedo is not None)
@@ -108,7 +106,7 @@ class Assembly:
                     _spacing_m(self.config, self.gsd_m),
                     self._sources,
                 )
-            file.finish(coverage, guarantee)
+            file.finish(coverage, promise)
             check()
         return len(chosen)
 
@@ -116,7 +114,7 @@ class Assembly:
     def _sources(self) -> tuple[int, ...]:
         return sources(self.config, self.dems, self.gsd_m)
 
-    def _with_heights(self, promise: Promise) -> Mask:
+    def _with_heights(self, promise: PromiseChoice) -> Mask:
         """True for the places of a promise but those without candidates and without heights from the DEMs
         that points may come from.
         """
@@ -164,7 +162,7 @@ class Assembly:
             ).to_toml(),
             sources=self.dems.sources(),
             albedo_map=self.albedo.provenance() if self.albedo else None,
-            scene_plan=str(plan),
+            scene_plan=plan.to_json(),
             errors=self.errors.to_dict() | {"min_detection": config.points.min_detection},
             sigma_step_m=sigma_step_m(np.array([self.gsd_m])),
             overview=overview,

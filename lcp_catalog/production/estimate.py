@@ -18,7 +18,7 @@ from .assembly import BLOCK_BYTES, choose
 from .evaluation import image_scales
 from .executor import FORKED
 from .finished_area import record_type, table_of
-from .guarantee import PromisedPlaces
+from .promise import PromisedPlaces
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
 from .run import Build, most_poleward
 

@@ -10,8 +10,9 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import AnyArray, Array
-from ..catalog.catalogue import Catalog, Coverage, Overview
+from ..catalog.catalogue import Catalog
 from ..catalog.coverage import usable_nearby
+from ..catalog.model import Coverage, Overview
 from ..geometry.angles import turned_deg
 from ..geometry.bounds import enclosing_bounds
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane

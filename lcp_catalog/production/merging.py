@@ -14,15 +14,16 @@ import numpy as np
 
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, printable
-from ..catalog.catalogue import BLOCK_BYTES, Catalog, Coverage, Guarantee, Promises
+from ..catalog.catalogue import Catalog
 from ..catalog.cell_levels import levels
 from ..catalog.hdf5 import new_catalog, open_catalog
 from ..catalog.map_levels import overview_levels
+from ..catalog.model import BLOCK_BYTES, Coverage, Promise
 from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.packing import packing
-from ..catalog.promise import merged_promises
+from ..catalog.promise import merged_promise
 from ..catalog.schema import PACKED, usable
-from ..catalog.stored import StoredFile, content_digests
+from ..catalog.stored import content_sha256
 from ..errors import CatalogError, ConfigError
 from ..landmarks.selection import select
 from ..terrain.area import Area
@@ -83,19 +84,15 @@ class MergeReport:
 class _Input:
     path: str
     catalog: Catalog
-    digests: tuple[str, ...]
+    digest: str
     builds: list[Origin]
 
     @classmethod
     def of(cls, path: Path | str) -> _Input:
-        stored, catalog = StoredFile.of(path), open_catalog(path)
-        if not catalog.has_claims:
-            version = catalog.schema_version
-            raise CatalogError(f"{path}: states no claims (schema {version}); build it again")
-        digests = content_digests(stored)
-        itself = Origin(printable(Path(path).name), digests[0], len(catalog), {})
+        catalog, digest = open_catalog(path), content_sha256(path)
+        itself = Origin(printable(Path(path).name), digest, len(catalog), {})
         try:
-            return cls(str(path), catalog, digests, origins(catalog.config, itself))
+            return cls(str(path), catalog, digest, origins(catalog.config, itself))
         except CatalogError as error:
             raise CatalogError(f"{path}: {error}") from error
 
@@ -143,8 +140,8 @@ def merge_catalogs(
 
     Of points with the same id one is kept, and of points of the same level (`cell_levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
-    one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Guarantee`) stays, less
-    the points that are left out (`merged_promises`).
+    one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Promise`) stays, less
+    the points that are left out (`merged_promise`).
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
     errors, albedo map or meaning of the flags; OutputExistsError and OutputError as
@@ -154,9 +151,9 @@ def merge_catalogs(
     inputs = [_Input.of(path) for path in paths]
     for other in inputs[1:]:
         _require_compatible(inputs[0], other)
-    inputs.sort(key=lambda one: (one.digests, one.builds[0].name), reverse=True)
-    different = {one.digests: one for one in inputs}
-    merge = _Merge([different[digests] for digests in sorted(different)])
+    inputs.sort(key=lambda one: (one.digest, one.builds[0].name), reverse=True)
+    different = {one.digest: one for one in inputs}
+    merge = _Merge([different[digest] for digest in sorted(different)])
     merge.write(output, overwrite)
     return merge.report
 
@@ -165,6 +162,7 @@ class _Merge:
     """Compatible catalogues, each once, in the order of their digests, and what becomes of them."""
 
     def __init__(self, inputs: Sequence[_Input]) -> None:
+        self.inputs = inputs
         self.catalogs = [one.catalog for one in inputs]
         self.builds = united(one.builds for one in inputs)
         configs = [config for one in inputs for config in one.configs]
@@ -194,16 +192,16 @@ class _Merge:
             places = points["lon_deg"], points["lat_deg"]
             with file.flags() as condition:
                 coverage = self.maps.coverage(places, condition)
-            file.finish(coverage, *self._promises())
+            file.finish(coverage, self._promise())
 
-    def _promises(self) -> tuple[Guarantee | None, Promises | None]:
+    def _promise(self) -> Promise | None:
         """The promises of the inputs, without the points that are left out."""
         lost = []
         for k, catalog in enumerate(self.catalogs):
             kept = np.zeros(len(catalog), bool)
             kept[self.chosen["row"][self.chosen["input"] == k]] = True
             lost.append(np.flatnonzero(~kept))
-        return merged_promises(self.catalogs, lost)
+        return merged_promise(self.catalogs, lost)
 
     def _products(self) -> set[str]:
         """Names of the DEM products."""
@@ -226,6 +224,7 @@ class _Merge:
         overview = self.maps.overview()
         return dataclasses.replace(
             self._widest.take(none, none),
+            history=_history([one.digest for one in self.inputs]),
             title=_shared([one.title for one in all_], Catalog.title),
             product_version=_shared([one.product_version for one in all_], Catalog.product_version),
             software_version=Catalog.software_version,
@@ -322,6 +321,11 @@ def _require_compatible(first: _Input, other: _Input) -> None:
         if a != b:
             text = f"{name} is {_short(b)}, not {_short(a)} as in {first.path}"
             raise CatalogError(f"{other.path}: cannot be merged: {text}")
+
+
+def _history(digests: Sequence[str]) -> str:
+    """What a merged catalogue was made from."""
+    return f"merge of {len(digests)} catalogues with the content_sha256 {', '.join(digests)}"
 
 
 def _short(value: Any) -> str:

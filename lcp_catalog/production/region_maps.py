@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Int16, Mask
 from ..catalog.coverage import usable_nearby
-from ..catalog.hdf5 import Coverage, Overview
+from ..catalog.model import Coverage, Overview
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..dem.nearest_pixels import nearest_heights

@@ -40,10 +40,10 @@ from .checkpoints import Checkpoints
 from .config import BuildConfig, ModelConfig
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
-from .guarantee import Promise
 from .input_files import InputFiles
 from .levels import level_cells, sources, with_sources
 from .merging import merge_catalogs
+from .promise import PromiseChoice
 from .sweep import Conditions, law_of_build
 from .worker_memory import caches_mb, divided
 
@@ -126,7 +126,7 @@ class Build:
         """The build with its areas, as the ``level`` of several."""
         gsd_m = self.gsd_m
         self.config.points.check_cells(gsd_m)
-        Promise.of(self.region, self.config, gsd_m)  # raises ConfigError
+        PromiseChoice.of(self.region, self.config, gsd_m)  # raises ConfigError
         config, grid, tasks = divided(self.region, gsd_m, self.config, memory_gb)
         if not tasks:
             raise AreaError(

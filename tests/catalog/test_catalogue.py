@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
-from lcp_catalog.catalog.catalogue import Coverage
+from lcp_catalog.catalog.model import Coverage
 from lcp_catalog.catalog.schema import summarise_usable
 from lcp_catalog.errors import CatalogError
 
@@ -21,7 +21,7 @@ from lcp_catalog.errors import CatalogError
         ("condition", np.full((4, 3, 8, 24), 300), "condition: does not fit into u1"),
         ("condition", np.full((4, 3, 8, 24), 64, np.uint8), "has undefined bits"),
         ("longitude", np.array(["a"] * 4), "not numbers"),
-        ("sources", "{", "sources is not JSON"),
+        ("sources", "{", "sources: is not a list"),
     ],
 )
 def test_what_does_not_fit_is_refused_at_birth(name: str, value: object, text: str) -> None:

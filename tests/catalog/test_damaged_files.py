@@ -166,13 +166,18 @@ def test_an_attribute_that_claims_much_is_not_read(copy: Path) -> None:
     assert "the attribute title claims 2097152 bytes" in verify(copy)
 
 
-def test_unknown_members_are_not_visited(copy: Path) -> None:
+def test_unknown_members_are_named_but_not_visited(copy: Path) -> None:
     os.mkfifo(copy.with_name("pipe"))
     with h5py.File(copy, "r+") as file:
         file["unknown"] = h5py.ExternalLink(str(copy.with_name("pipe")), "/")
         for number in range(100):
             file.create_group(f"more/{number}")
-    assert verify(copy) == []
+        file["overview/more"] = 1.0
+    assert verify(copy) == [
+        f"{name}: does not belong to a catalogue" for name in ("more", "unknown", "overview/more")
+    ]
+    with pytest.raises(CatalogError, match="more: does not belong"):
+        open_catalog(copy, check=False)
 
 
 @pytest.mark.parametrize("kind", ["pipe", "folder"])
@@ -222,7 +227,7 @@ def test_group_numbers_are_checked(copy: Path) -> None:
 def test_a_file_that_changes_after_it_was_opened_is_refused(copy: Path) -> None:
     found = open_catalog(copy)
     assert len(found.longitude) == 6
-    write_catalog(catalogs.claimed(2), copy, overwrite=True)
+    write_catalog(catalogs.catalog(2), copy, overwrite=True)
     with pytest.raises(CatalogError, match="was changed since it was opened"):
         _ = found.latitude
 

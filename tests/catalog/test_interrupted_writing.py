@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
+from lcp_catalog.catalog import content
 from lcp_catalog.catalog.hdf5 import Catalog, new_catalog
 from lcp_catalog.held_signals import HeldSignals
 
@@ -28,7 +29,7 @@ def send_soon(sent: list[float]) -> None:
 
 def work_on_flags(catalog: Catalog, path: Path, sent: list[float]) -> None:
     """Write a catalogue that needs long for work on its flags; a signal comes meanwhile."""
-    values = catalog.values()
+    values = content.values(catalog)
     with new_catalog(catalog, len(catalog), values["dem_product"], path) as file:
         file.add(values)
         with file.flags() as condition:
@@ -43,7 +44,7 @@ def test_work_on_the_flags_is_interrupted(tmp_path: Path) -> None:
     """Until then a signal waited for the whole coverage of a region: 76 s with a million points."""
     sent: list[float] = []
     with pytest.raises(KeyboardInterrupt):
-        work_on_flags(catalogs.claimed(), tmp_path / "a.h5", sent)
+        work_on_flags(catalogs.catalog(), tmp_path / "a.h5", sent)
     assert time.monotonic() < sent[0] + 2.0
     assert list(tmp_path.iterdir()) == []
 

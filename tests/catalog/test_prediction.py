@@ -21,7 +21,7 @@ NADIR = [0.0, 0.0, 1.0]
 
 def everywhere(count: int = 3, seed: int = 4, **spoilt: Any) -> Catalog:
     """A catalogue whose conditions are all evaluated, unshadowed and unoccluded."""
-    given = catalogs.claims(count) | spoilt
+    given = catalogs.arrays(count) | spoilt
     rng = np.random.default_rng(seed)
     views = len(given["view_off_nadir"])
     shape = (count, 3, views, 8, 24)
@@ -39,7 +39,7 @@ def everywhere(count: int = 3, seed: int = 4, **spoilt: Any) -> Catalog:
             "sigma_major": major,
             "sigma_minor": major * rng.uniform(0.2, 1.0, shape),
             "sigma_angle": rng.uniform(0.0, 180.0, shape),
-            "coverage": catalogs.arrays(count)["coverage"],
+            "coverage": catalogs.cells(count),
         }
     )
 
@@ -137,13 +137,13 @@ def test_only_evaluated_neighbours_count() -> None:
     for values in spoilt.values():
         values[gone] = np.nan
     catalog = Catalog(
-        **catalogs.claims(3)
+        **catalogs.arrays(3)
         | spoilt
         | {
             "condition": condition,
             "sun_elevation_min": lowest,
             "sun_elevation_max": highest,
-            "coverage": catalogs.arrays(3)["coverage"],
+            "coverage": catalogs.cells(3),
         }
     )
     p = logit(np.clip(whole.detection_probability[0, 0, 0].astype(float), 0.002, 0.998))
@@ -159,7 +159,7 @@ def test_only_evaluated_neighbours_count() -> None:
 
 def test_shadows_at_neighbours_with_much_weight_make_it_unusable() -> None:
     """Up to 0.3 of the weight may be shadowed."""
-    given = catalogs.claims(2)
+    given = catalogs.arrays(2)
     shape = given["detection_probability"].shape
     condition = np.full(given["condition"].shape, 31, np.uint8)
     condition[0, 0, 2, 3] = 31 - 8
@@ -174,7 +174,7 @@ def test_shadows_at_neighbours_with_much_weight_make_it_unusable() -> None:
             "sigma_major": np.full(shape, 9.0),
             "sigma_minor": np.full(shape, 3.0),
             "sigma_angle": np.full(shape, 45.0),
-            "coverage": catalogs.arrays(2)["coverage"],
+            "coverage": catalogs.cells(2),
         }
     )
     # the shadowed condition: elevation 15, azimuth 45; its weights: 1, 0.36, 0.24, 0, 0.6, 0
@@ -189,7 +189,7 @@ def test_between_the_angles_a_usable_point_needs_more() -> None:
     """A margin of half of 1 - (sum of squared weights): 0 at a grid angle, 0.375 logits amid four
     corners.
     """
-    given = catalogs.claims(2)
+    given = catalogs.arrays(2)
     shape = given["detection_probability"].shape
     condition = np.full(given["condition"].shape, 31, np.uint8)
     lowest, highest = summarise_usable(condition, given["sun_elevation"])
@@ -197,7 +197,7 @@ def test_between_the_angles_a_usable_point_needs_more() -> None:
     p[1] = 0.96
     rest = {n: np.full(shape, v) for n, v in (("sigma_major", 9.0), ("sigma_minor", 3.0), ("sigma_angle", 4.0))}  # fmt: skip
     summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest}
-    cells = {"coverage": catalogs.arrays(2)["coverage"]}
+    cells = {"coverage": catalogs.cells(2)}
     catalog = Catalog(
         **given | summed | cells | rest | {"condition": condition, "detection_probability": p}
     )
@@ -210,7 +210,7 @@ def test_between_the_angles_a_usable_point_needs_more() -> None:
 
 
 def test_beyond_the_evaluated_conditions_a_usable_point_needs_more_or_is_none() -> None:
-    given = catalogs.claims(1)
+    given = catalogs.arrays(1)
     shape = given["detection_probability"].shape
     condition = np.full(given["condition"].shape, 31, np.uint8)
     condition[:, :, 7] = 0  # the Sun never reaches 75 degrees
@@ -220,7 +220,7 @@ def test_beyond_the_evaluated_conditions_a_usable_point_needs_more_or_is_none() 
     for plane in planes.values():
         plane[:, :, :, 7] = np.nan
     summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest, "condition": condition}
-    catalog = Catalog(**given | planes | summed | {"coverage": catalogs.arrays(1)["coverage"]})
+    catalog = Catalog(**given | planes | summed | {"coverage": catalogs.cells(1)})
     # 0.94: logit 2.752, 0.577 above that of 0.898. At 62 and 66 degrees weights of 13/15 and 9/15 are known:
     # margins (1 - w^2) / 2 + 1.5 (1 - w) of 0.32 and 0.92
     found = asked(catalog, [60.0, 62.0, 66.0, 5.0, 4.9, 3.0], 45.0)
@@ -254,7 +254,7 @@ def test_images_finer_than_the_cell_count_as_the_cell() -> None:
 
 
 def test_azimuths_that_do_not_go_round_end_half_a_step_beyond() -> None:
-    given = catalogs.claims(1)
+    given = catalogs.arrays(1)
     keep = slice(4, 9)  # 60 to 120
     names = ("condition", "detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
     cut = {n: given[n][..., keep] for n in names}
@@ -274,7 +274,7 @@ def test_azimuths_that_do_not_go_round_end_half_a_step_beyond() -> None:
             "sun_azimuth": given["sun_azimuth"][keep],
             "sun_elevation_min": lowest,
             "sun_elevation_max": highest,
-            "coverage": catalogs.arrays(1)["coverage"],
+            "coverage": catalogs.cells(1),
         }
     )
     found = asked(catalog, 30.0, [52.6, 52.4, 90.0, 127.4, 127.6, 270.0, 350.0])
@@ -337,7 +337,7 @@ class TestViews:
 
 
 def test_a_point_that_is_not_usable_has_a_cause() -> None:
-    given = catalogs.claims(1)
+    given = catalogs.arrays(1)
     shape = given["detection_probability"].shape
     condition = np.full(given["condition"].shape, 31, np.uint8)
     condition[:, :, 1] &= 31 - UNSHADOWED  # a Sun at 10 degrees
@@ -357,7 +357,7 @@ def test_a_point_that_is_not_usable_has_a_cause() -> None:
         **given
         | planes
         | summed
-        | {"detection_probability": detection, "coverage": catalogs.arrays(1)["coverage"]}
+        | {"detection_probability": detection, "coverage": catalogs.cells(1)}
     )
     low, aside = np.radians([5.0, 60.0])
     for elevation, scale, view, cause in (

@@ -10,9 +10,10 @@ import pytest
 from helpers.catalogs import catalog as made
 from helpers.catalogs import promised
 
-from lcp_catalog.catalog.catalogue import Catalog, Guarantee
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare
 from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
+from lcp_catalog.catalog.model import Promise
 from lcp_catalog.catalog.promise import kept_promise
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import NO_CELL, Cause
@@ -27,7 +28,7 @@ def plain() -> Catalog:
 
 @pytest.fixture(scope="module")
 def catalog(plain: Catalog) -> Catalog:
-    return dataclasses.replace(plain, guarantee=promised(plain))
+    return dataclasses.replace(plain, promise=promised(plain))
 
 
 @pytest.fixture(scope="module")
@@ -39,16 +40,16 @@ def path(catalog: Catalog, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_is_read_as_it_was_written(catalog: Catalog, path: Path) -> None:
     assert verify(path) == []
-    found = open_catalog(path).guarantee
-    for field in dataclasses.fields(Guarantee):
+    found = open_catalog(path).promise
+    for field in dataclasses.fields(Promise):
         np.testing.assert_array_equal(
-            getattr(found, field.name), getattr(catalog.guarantee, field.name)
+            getattr(found, field.name), getattr(catalog.promise, field.name)
         )
 
 
 def test_the_figures_are_those_of_a_count(catalog: Catalog, path: Path) -> None:
     facts = describe(path)["promise"]
-    told = catalog.guarantee
+    told = catalog.promise
     real = told.cause[told.cause != NO_CELL]
     assert facts["conditions"] == len(real)
     assert facts["kept_share"] == pytest.approx(np.mean(real == Cause.MET))
@@ -80,23 +81,24 @@ def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> No
 def test_a_part_of_a_catalogue_promises_nothing(
     catalog: Catalog, plain: Catalog, path: Path, tmp_path: Path
 ) -> None:
-    assert catalog.take(np.arange(2)).guarantee is None
+    assert catalog.take(np.arange(2)).promise is None
     write_catalog(plain, tmp_path / "plain.h5")
-    assert compare(path, tmp_path / "plain.h5").maps == {"guarantee": "only one of the two has it"}
+    assert compare(path, tmp_path / "plain.h5").maps == {"promise": "only one of the two has it"}
 
 
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
-        ("demand", np.full(7, 3, np.uint8), "guarantee/cause: is not as demand and points say"),
-        ("met", np.array([0.25, 0.75, 1.5]), r"guarantee/met: not in 0\.\.1"),
-        ("size", np.array([1, 3, 2], np.int32), "guarantee/size: does not rise"),
-        ("lower_bound", -1.0, "lower_bound: -1 is not in its range"),
+        ("demand", np.full(7, 3, np.uint8), "promise/cause: is not as demand and points say"),
+        ("met", np.array([0.25, 0.75, 1.5]), r"promise/met: not in 0\.\.1"),
+        ("size", np.array([1, 3, 2], np.int32), "promise/size: does not rise"),
+        ("lower_bound", np.array([-1.0]), "promise/lower_bound: below 0"),
+        ("places", np.array([6]), "promise/places: are not as many as there are"),
     ],
 )
 def test_what_contradicts_itself_is_refused(
     catalog: Catalog, name: str, value: object, says: str
 ) -> None:
-    wrong = dataclasses.replace(catalog.guarantee, **{name: value})
+    wrong = dataclasses.replace(catalog.promise, **{name: value})
     with pytest.raises(CatalogError, match=says):
-        dataclasses.replace(catalog, guarantee=wrong)
+        dataclasses.replace(catalog, promise=wrong)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
-from lcp_catalog.catalog import disk_stream
+from lcp_catalog.catalog import content, disk_stream
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
 from lcp_catalog.catalog.layout import GROUPS
 from lcp_catalog.catalog.writing import new_catalog
@@ -21,7 +21,7 @@ from lcp_catalog.errors import CatalogError, OutputError
 
 
 def write_in_parts(catalog: Catalog, path: Path, sizes: list[int], **spoilt: Any) -> None:
-    values, first = catalog.values() | spoilt, 0
+    values, first = content.values(catalog) | spoilt, 0
     of_points = [name for name in values if GROUPS[""].get(name, ((),))[0][:1] == ("point",)]
     with new_catalog(catalog, len(catalog), ["WAC GLD100", "another product"], path) as file:
         for size in sizes:
@@ -33,18 +33,19 @@ def write_in_parts(catalog: Catalog, path: Path, sizes: list[int], **spoilt: Any
 @pytest.mark.parametrize("sizes", [[300], [1, 298, 1], [60] * 5, [7] * 42 + [6]])
 def test_parts_of_any_size_give_the_same_catalogue(tmp_path: Path, sizes: list[int]) -> None:
     """Chunks of the larger variables hold fewer points than a part, and more."""
-    found = catalogs.claimed(300)
+    found = catalogs.catalog(300)
     write_catalog(found, tmp_path / "whole.h5")
     write_in_parts(found, tmp_path / "parts.h5", sizes)
     assert verify(tmp_path / "parts.h5") == []
     whole, parts = (open_catalog(tmp_path / name) for name in ("whole.h5", "parts.h5"))
-    assert whole.attributes() == parts.attributes()
-    for name, values in whole.values().items():
-        np.testing.assert_array_equal(parts.values()[name], values, err_msg=name)
+    assert content.attributes(whole) == content.attributes(parts)
+    read = content.values(parts)
+    for name, values in content.values(whole).items():
+        np.testing.assert_array_equal(read[name], values, err_msg=name)
 
 
 def test_parts_that_are_wrong_are_refused(tmp_path: Path) -> None:
-    found = catalogs.claimed(4)
+    found = catalogs.catalog(4)
     path = tmp_path / "c.h5"
     with pytest.raises(CatalogError, match="3 points were added instead of 4"):
         write_in_parts(found, path, [3])
@@ -63,7 +64,7 @@ def test_a_disk_that_is_full_leaves_nothing(
     """After any number of bytes, and when the file is synced (-1); HDF5 closes the file in order, so that
     the next one is written in the same process.
     """
-    found, path, written = catalogs.claimed(60), tmp_path / "c.h5", []
+    found, path, written = catalogs.catalog(60), tmp_path / "c.h5", []
 
     def limited(action: Callable[..., int]) -> Callable[..., int]:
         def write(file: int, data: Any, start: int) -> int:
@@ -93,7 +94,7 @@ def test_a_signal_while_hdf5_writes_is_an_interrupt(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It raised inside HDF5, which then crashed. Nothing is left, and the next file is whole."""
-    found, path = catalogs.claimed(60), tmp_path / "c.h5"
+    found, path = catalogs.catalog(60), tmp_path / "c.h5"
 
     def interrupted(file: int, data: Any, start: int) -> int:
         signal.raise_signal(signal.SIGINT)

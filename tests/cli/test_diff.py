@@ -18,7 +18,7 @@ from lcp_catalog.catalog.hdf5 import write_catalog
 @pytest.fixture
 def paths(tmp_path: Path) -> list[str]:
     """A catalogue of 14 points, and one of 12 of them with higher patches."""
-    one = catalogs.claimed(14)
+    one = catalogs.catalog(14)
     middle = one.patch_nodes // 2
     other = one.take(np.arange(12))
     dem = other.dem + np.float32(2.5)

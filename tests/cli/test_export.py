@@ -17,7 +17,7 @@ from lcp_catalog.choices import EXPORT_FOLDERS, EXPORTS
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("export") / "c.h5"
-    write_catalog(catalogs.claimed(4), path)
+    write_catalog(catalogs.catalog(4), path)
     return str(path)
 
 

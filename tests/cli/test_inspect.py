@@ -26,7 +26,7 @@ def test_json_has_the_fields_of_the_contract(path: Path, capsys: pytest.CaptureF
     assert found["points"] == 5
     assert found["intact"] is True
     assert found["problems"] == []
-    assert found["schema_version"] == "1.6"
+    assert found["schema_version"] == "3.0"
     assert 0.0 < found["usable_share"] < 1.0
     assert set(found["sources"][0]) == {"name", "size", "sha256"}
     assert list(found["bounds"]) == ["west", "south", "east", "north"]
@@ -35,7 +35,7 @@ def test_json_has_the_fields_of_the_contract(path: Path, capsys: pytest.CaptureF
 def test_text_is_for_people(path: Path, capsys: pytest.CaptureFixture) -> None:
     assert run(["inspect", str(path)]) == 0
     out = capsys.readouterr().out
-    assert out.startswith(f"{path}: intact, schema 1.6")
+    assert out.startswith(f"{path}: intact, schema 3.0")
     for text in (
         "points         5\n",
         "9000 m",

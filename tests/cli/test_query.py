@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from helpers import catalogs
@@ -26,10 +27,12 @@ HEAD = "time_utc,x_m,y_m,z_m,r11,r12,r13,r21,r22,r23,r31,r32,r33"
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """c.h5, old.h5 (without claims), cam.json with a time, far.json, and way.csv of 3 frames."""
+    """c.h5, old.h5 (of schema 2.5), cam.json with a time, far.json, and way.csv of 3 frames."""
     folder = tmp_path_factory.mktemp("query")
     write_catalog(everywhere_usable(), folder / "c.h5")
     write_catalog(catalogs.catalog(), folder / "old.h5")
+    with h5py.File(folder / "old.h5", "r+") as file:
+        file.attrs["schema_version"] = "2.5"
     own = camera(EnuFrame(*catalogs.CENTER))
     dated = replace(own, time_utc="2026-01-27T02:00:00").to_json()
     (folder / "cam.json").write_text(json.dumps(dated), encoding="utf-8")
@@ -180,7 +183,7 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
         ("query c.h5 --camera c.h5", 1, "is not JSON"),
         ("query cam.json --camera cam.json", 1, "not an HDF5 file"),
         ("query none.h5 --camera cam.json", 1, "there is no such file"),
-        ("query old.h5 --camera cam.json", 1, "no detection probabilities"),
+        ("query old.h5 --camera cam.json", 1, "old.h5: made by lcp 0.2; build it again"),
         ("query c.h5 --camera far.json", 1, "no Sun"),
         ("query c.h5 --camera sky.json --sun-azimuth 3 --sun-elevation 3", 1, "looks elsewhere"),
         ("query c.h5 --trajectory way.csv", 1, "give its camera with --camera"),
@@ -193,7 +196,7 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
         ("windows c.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d --off-nadir 9", 2, "needs --view-azimuth"),
         ("windows c.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d --camera cam.json --size 9", 2, "--camera excludes"),
         ("windows c.h5 --center 93.5 26 --range 2026-01-01 2026-01-02 1d", 1, "no point of the catalogue lies within"),
-        ("windows old.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d", 1, "no detection probabilities"),
+        ("windows old.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d", 1, "old.h5: made by lcp 0.2; build it again"),
     ],
 )  # fmt: skip
 def test_what_does_not_work_is_one_line(

@@ -54,11 +54,3 @@ def test_it_has_a_depfile_with_and_without_a_dossier(path: Path) -> None:
         words = ["report", str(of), "-o", str(page), "--depfile", str(rule)]
         assert run([*words, *more]) == 0
         assert rule.read_text().startswith(f"{page}: {of}")
-
-
-def test_a_dossier_needs_claims(path: Path, capsys: pytest.CaptureFixture) -> None:
-    """It was an AttributeError for a catalogue of schema 1."""
-    page = path.with_name("page.html")
-    assert run(["report", str(path), "-o", str(page), "--dossier"]) == 1
-    assert "states no detection probabilities (schema 1)" in capsys.readouterr().err
-    assert not page.exists()

@@ -32,7 +32,7 @@ PLACES = [(0, 0), (-HALF, -HALF), (-HALF, HALF), (HALF, -HALF), (HALF, HALF), (1
 
 @pytest.fixture(scope="module", params=["MOON_ME", "MOON_PA"])
 def points(request) -> ExportedPoints:
-    return ExportedPoints.chosen(catalogs.claimed(7, PATCH), frame_named(request.param))
+    return ExportedPoints.chosen(catalogs.catalog(7, PATCH), frame_named(request.param))
 
 
 def node(points: ExportedPoints, k: int, row: int, col: int) -> np.ndarray:
@@ -115,7 +115,7 @@ def test_spc_landmarks_and_maplets(points: ExportedPoints, tmp_path: Path) -> No
 def test_spc_sigmas_are_along_the_axes_of_the_frame(tmp_path: Path) -> None:
     """25 m along east and north, 20 m along up; an unknown sigma counts as 0."""
     stated = catalogs.ERRORS | {"position_sigma_m": 25.0}
-    catalog = catalogs.claimed(4, PATCH, errors=stated)
+    catalog = catalogs.catalog(4, PATCH, errors=stated)
     write_spc(ExportedPoints.chosen(catalog, frame_named("MOON_ME")), tmp_path)
     own = np.diag([25.0**2, 25.0**2, 20.0**2])
     turn = catalog.rotation_mcmf_to_enu[1]
@@ -131,7 +131,7 @@ def test_missing_heights_are_missing(tmp_path: Path) -> None:
     """Nodes without a height are NaN in a landmark map, height and albedo 0 in a maplet."""
     from lcp_catalog.exports import spc
 
-    catalog = catalogs.claimed(2, PATCH)
+    catalog = catalogs.catalog(2, PATCH)
     found = ExportedPoints.chosen(catalog, frame_named("MOON_ME"))
     dem = catalog.dem[0].copy()
     dem[0, 3] = np.nan

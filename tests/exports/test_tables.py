@@ -25,7 +25,7 @@ SPHERE = pyproj.Transformer.from_crs(
 
 @pytest.fixture(scope="module")
 def catalog():
-    return catalogs.claimed(12)
+    return catalogs.catalog(12)
 
 
 def points_of(catalog, frame: str = "MOON_ME", **choice) -> ExportedPoints:
@@ -111,7 +111,7 @@ def test_ground_control_as_asp_reads_it(catalog, frame: str, tmp_path: Path) -> 
 
 def test_the_place_error_of_the_claims_is_the_horizontal_sigma(tmp_path: Path) -> None:
     stated = catalogs.ERRORS | {"position_sigma_m": 25.0}
-    write_gcp(points_of(catalogs.claimed(4, errors=stated)), tmp_path / "p.gcp")
+    write_gcp(points_of(catalogs.catalog(4, errors=stated)), tmp_path / "p.gcp")
     text = (tmp_path / "p.gcp").read_text().splitlines()
     rows = [line.split() for line in text if not line.startswith("#")]
     assert {(row[4], row[5]) for row in rows} == {("25.000", "25.000")}

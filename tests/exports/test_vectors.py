@@ -23,7 +23,7 @@ GEOCENTRIC = pyproj.Transformer.from_crs(
 
 @pytest.fixture(scope="module")
 def catalog():
-    return catalogs.claimed(12)
+    return catalogs.catalog(12)
 
 
 @pytest.fixture(scope="module", params=["MOON_ME", "MOON_PA"])
@@ -145,7 +145,7 @@ def test_patches_at_the_edges_of_the_map(center, tmp_path: Path, monkeypatch) ->
     the map.
     """
     monkeypatch.setattr(catalogs, "CENTER", center)
-    catalog = catalogs.claimed(9, 33)
+    catalog = catalogs.catalog(9, 33)
     write_geopackage(ExportedPoints.chosen(catalog, frame_named("MOON_ME")), tmp_path / "c.gpkg")
     shapes, _ = read(tmp_path / "c.gpkg", "footprints")
     assert (np.abs(shapely.bounds(shapes)) <= 180.0).all()

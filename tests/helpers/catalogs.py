@@ -13,11 +13,12 @@ import h5py
 import numpy as np
 import rasterio
 
-from lcp_catalog.catalog import file_structure, layout, stored
-from lcp_catalog.catalog.catalogue import Guarantee, Promises
+from lcp_catalog.catalog import integrity
+from lcp_catalog.catalog.content import values
 from lcp_catalog.catalog.coverage import usable_nearby
 from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
 from lcp_catalog.catalog.map_levels import overview_levels
+from lcp_catalog.catalog.model import Promise
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, NO_CELL, Cause, summarise_usable
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (
@@ -44,8 +45,8 @@ ALBEDO_MAP = {
 }
 
 
-def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0) -> dict[str, Any]:
-    """Everything `Catalog` wants, as keyword arguments, so that a test can spoil one of them."""
+def _points(count: int, patch: int, seed: int, step_km: float) -> dict[str, Any]:
+    """Everything `Catalog` wants but the claims, as keyword arguments."""
     rng = np.random.default_rng(seed)
     frame = EnuFrame(*CENTER)
     raster, to_pixel = _hadley()
@@ -97,6 +98,7 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
             [enu_rotation(o, a) for o, a in zip(lon, lat, strict=True)]
         ).reshape(-1, 3, 3),
         "gsd": np.full(count, GSD_M),
+        "level": np.zeros(count, np.int32),
         "dem_product": np.array(["WAC GLD100"] * count, dtype=object),
         "elevation_sigma": np.where(np.arange(count) % 3 == 0, np.nan, 20.0),
         "dem_resolution": np.full(count, 300.0),
@@ -127,11 +129,6 @@ def _hadley() -> tuple[np.ndarray, Any]:
         return source.read(1).astype(np.float64), ~source.transform
 
 
-def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
-    """A sound catalogue of ``count`` points, but for what is given by name."""
-    return Catalog(**{**arrays(count, patch), **spoilt})
-
-
 ERRORS = {
     "sensor_noise": 0.02,
     "height_sigma_m": 20.0,
@@ -143,13 +140,13 @@ ERRORS = {
 }
 
 
-def claims(count: int = 12, patch: int = 9, seed: int = 1) -> dict[str, Any]:
-    """Everything that `Catalog` wants for a catalogue with claims (schema 2).
+def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0) -> dict[str, Any]:
+    """Everything `Catalog` wants, as keyword arguments, so that a test can spoil one of them.
 
-    Probabilities at scale 1 agree with the conditions of `arrays`, and fall with the scale; sigmas
+    Probabilities at scale 1 agree with the conditions, and fall with the scale; sigmas
     are some hundredths of a cell.
     """
-    found, rng = arrays(count, patch, seed), np.random.default_rng(seed + 100)
+    found, rng = _points(count, patch, seed, step_km), np.random.default_rng(seed + 100)
     condition = found["condition"]
     scales = np.array([1.0, 2.0, 4.0])
     works = condition == 31
@@ -159,8 +156,8 @@ def claims(count: int = 12, patch: int = 9, seed: int = 1) -> dict[str, Any]:
     first = np.where(~free, rng.uniform(0.0, 1.0, condition.shape), first)
     detection = np.stack([first, first * 0.98, first * 0.6], axis=1)
     major = rng.uniform(0.02, 0.2, detection.shape) * GSD_M * scales[:, None, None, None]
-    for values in (detection, major):
-        values[np.broadcast_to((condition == 0)[:, None], values.shape)] = np.nan
+    for array in (detection, major):
+        array[np.broadcast_to((condition == 0)[:, None], array.shape)] = np.nan
     cells = found["coverage"]
     nearby = usable_nearby(
         (cells.longitude, cells.latitude),
@@ -179,9 +176,27 @@ def claims(count: int = 12, patch: int = 9, seed: int = 1) -> dict[str, Any]:
     }
 
 
-def claimed(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
-    """A sound catalogue with claims, but for what is given by name."""
-    return Catalog(**{**claims(count, patch), **spoilt})
+def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
+    """A sound catalogue of ``count`` points, but for what is given by name."""
+    return Catalog(**{**arrays(count, patch), **spoilt})
+
+
+def cells(count: int = 12) -> Coverage:
+    """The spacing cells of `arrays`, of which nothing is known by condition."""
+    return replace(arrays(count)["coverage"], usable=None)
+
+
+def unevaluated(count: int) -> dict[str, Any]:
+    """Fields of `arrays` for points of which no condition was evaluated, so that nothing is claimed."""
+    shape = np.shape(arrays(count)["detection_probability"])
+    nothing = np.full(shape, np.nan)
+    summary = np.full((*shape[:1], shape[2], shape[4]), np.nan)
+    return {
+        "condition": np.zeros((shape[0], *shape[2:]), np.uint8),
+        **dict.fromkeys(("sun_elevation_min", "sun_elevation_max"), summary),
+        **dict.fromkeys(("detection_probability", "sigma_major", "sigma_minor"), nothing),
+        "sigma_angle": nothing,
+    }
 
 
 def _conditions(rng, lat, suns, azimuths):
@@ -231,7 +246,7 @@ def _coverage(rng, frame, side, step_m, lon):
     return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)
 
 
-def promised(plain: Catalog) -> Guarantee:
+def promised(plain: Catalog) -> Promise:
     """Random counts at 7 places; in the first view the second elevation is the worst, as it is dark."""
     rng = np.random.default_rng(1)
     shape = (7, *np.shape(plain.condition)[1:])
@@ -240,7 +255,7 @@ def promised(plain: Catalog) -> Guarantee:
     points[:, 0, 1, 2], cause[:, 0, 1, 2] = 0, Cause.DARK
     points[rng.random(shape) < 0.2] = NO_CELL
     cause[points == NO_CELL] = NO_CELL
-    return Guarantee(
+    return Promise(
         longitude=np.linspace(1.0, 2.0, 7),
         latitude=np.linspace(10.0, 11.0, 7),
         demand=np.full(7, 2, np.uint8),
@@ -249,16 +264,18 @@ def promised(plain: Catalog) -> Guarantee:
         size=np.array([1, 2, 3], np.int32),
         met=np.array([0.25, 0.75, 1.0]),
         served=np.array([0.5, 0.75, 1.0]),
-        per_view=2.0,
-        footprint_m=40_000.0,
-        radius_m=17_000.0,
-        lower_bound=2.5,
+        places=np.array([7]),
+        gsd=np.array([GSD_M]),
+        per_view=np.array([2]),
+        footprint=np.array([40_000.0]),
+        radius=np.array([17_000.0]),
+        lower_bound=np.array([2.5]),
     )
 
 
 def full(count: int = 12) -> Catalog:
-    """A catalogue with claims, levels of its maps and two promises: all groups that a file can have."""
-    plain = claimed(count)
+    """A catalogue with levels of its maps and two promises: all groups that a file can have."""
+    plain = catalog(count)
     rng, shape = np.random.default_rng(7), np.shape(plain.condition)[1:]
     lon, lat, step_m = coverage_cells(Area.from_bounds(-180.0, -90.0, 180.0, 90.0), 4e5, 400)
     cells = Coverage(
@@ -272,7 +289,12 @@ def full(count: int = 12) -> Catalog:
     x, y = np.arange(-32.0, 32.0) * 1.7e5, np.arange(16.0, -16.0, -1.0) * 1.7e5
     height = rng.normal(0.0, 2e3, (len(y), len(x))).astype(np.float32)
     overview = Overview(height, x, y, 0.0, 0.0, EQUIRECTANGULAR)
-    own = Promises(
+    nothing = np.zeros(0)
+    told = replace(
+        promised(plain),
+        size=nothing.astype(np.int32),
+        met=nothing,
+        served=nothing,
         places=np.array([3, 4]),
         gsd=np.array([GSD_M, 2.0 * GSD_M]),
         per_view=np.array([2, 2]),
@@ -280,15 +302,12 @@ def full(count: int = 12) -> Catalog:
         radius=np.array([8_000.0, 17_000.0]),
         lower_bound=np.array([1.0, 1.5]),
     )
-    nothing = np.zeros(0)
-    told = replace(promised(plain), size=nothing.astype(np.int32), met=nothing, served=nothing)
     return replace(
         plain,
         overview=overview,
         overview_levels=overview_levels(overview),
         coverage=cells,
-        guarantee=told,
-        promises=own,
+        promise=told,
     )
 
 
@@ -306,17 +325,20 @@ def noticed_damage(
         if verify(turned):
             noticed += 1
             continue
-        for name, array in open_catalog(turned).values().items():
+        for name, array in values(open_catalog(turned)).items():
             np.testing.assert_array_equal(array, sound[name], err_msg=name)
     return noticed
 
 
 def sign(file: h5py.File) -> None:
-    """Give an open file without albedo the digest of its content, as if it had been written so."""
-    found = stored.attributes(file)
-    plain = {name: value for name, value in found.items() if name != "content_sha256"}
-    content = {
-        name: stored.read_part(file, name, variable)
-        for name, variable in file_structure.variables(file).items()
-    }
-    file.attrs.update(layout.digests(content, plain, stored.group_attributes(file), {}))
+    """Give an open file the digests of its content, as if it had been written so."""
+    table = file[f"{integrity.INTEGRITY}/{integrity.TABLE}"]
+    digests = [
+        integrity.chunk_digest(stored, mask)
+        for path, grid in integrity.file_grids(file).items()
+        for number in range(grid.first, grid.first + len(grid))
+        for mask, stored in [file[path].id.read_direct_chunk(grid.offset(number))]
+    ]
+    if table.shape == (len(digests), integrity.DIGEST_BYTES):
+        table[...] = np.frombuffer(b"".join(digests), np.uint8).reshape(table.shape)
+    file.attrs[integrity.CONTENT] = integrity.content_digest(file, table[()])

@@ -34,7 +34,6 @@ def claiming(plain: Catalog, sigma_m: float, search_m: float) -> Catalog:
     two = (len(plain), 2, *shape[1:])
     return replace(
         plain,
-        schema_version="2.2",
         config=f"[points]\nsearch_m = {search_m}\n",
         condition=condition,
         sun_elevation_min=lowest,

@@ -42,7 +42,7 @@ def moved(catalog: Catalog, lon: np.ndarray, lat: np.ndarray) -> Catalog:
 
 def whole(count: int = 64) -> Catalog:
     """A catalogue of the region, its points under the ids of their places."""
-    found = catalogs.claimed(count)
+    found = catalogs.catalog(count)
     return moved(found, found.longitude, found.latitude)
 
 

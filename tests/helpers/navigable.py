@@ -12,7 +12,7 @@ from . import catalogs
 
 def everywhere_usable(count: int = 60, patch: int = 9, **spoilt: object) -> Catalog:
     """Points that work under all Suns and views, with ellipses of their own."""
-    given = catalogs.claims(count, patch) | spoilt
+    given = catalogs.arrays(count, patch) | spoilt
     rng = np.random.default_rng(7)
     shape = given["detection_probability"].shape
     condition = np.full(given["condition"].shape, 31, np.uint8)

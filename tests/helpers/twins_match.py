@@ -16,13 +16,13 @@ from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance, photometry
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import sample_patch
 
-from .catalogs import HADLEY, catalog
+from .catalogs import HADLEY, catalog, unevaluated
 
 
 def catalog_of_patches(
     patches: np.ndarray, frames: Sequence[EnuFrame], gsd_m: float, **changes
 ) -> Catalog:
-    """A catalogue of given patches (n, p, p), each in its own frame; other fields by name."""
+    """A catalogue of given patches (n, p, p), each in its own frame, without claims; other fields by name."""
     n = len(frames)
     made = {
         "dem": patches,
@@ -35,7 +35,7 @@ def catalog_of_patches(
         "gsd_min": np.full(n, 0.05 * gsd_m),
         "gsd_max": np.full(n, 4.0 * gsd_m),
     }
-    return catalog(n, patches.shape[1], **(made | changes))
+    return catalog(n, patches.shape[1], **(unevaluated(n) | made | changes))
 
 
 def catalog_of_dem(

@@ -18,7 +18,6 @@ from scipy.optimize import least_squares
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.prediction import predict
-from lcp_catalog.errors import CatalogError
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
@@ -312,11 +311,6 @@ def test_few_points_give_no_position(catalog: Catalog, taken: Camera) -> None:
     found = asked(one_place, taken).position
     assert found.position_covariance_m2 is None
     assert found.reason == "the points do not determine position and attitude"
-
-
-def test_a_catalogue_without_claims_is_refused(taken: Camera) -> None:
-    with pytest.raises(CatalogError, match="no detection probabilities"):
-        asked(catalogs.catalog(), taken)
 
 
 class TestBestPoints:

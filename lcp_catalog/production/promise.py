@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Int16, Mask
-from ..catalog.catalogue import Guarantee
+from ..catalog.model import Promise
 from ..catalog.schema import NO_CELL, Cause
 from ..catalog.sun_cells import SunCells
 from ..constants import MOON_RADIUS_M
@@ -123,7 +123,7 @@ def _shares(region: Area, places: tuple[Array, Array], radius_m: float) -> Array
 
 
 @dataclass
-class Promise:
+class PromiseChoice:
     """The promise of a build, and what its candidates do for it: `see` the areas in turn, then `choose`."""
 
     config: BuildConfig
@@ -140,7 +140,7 @@ class Promise:
         self._nearby = Nearby((self.places.lon_deg, self.places.lat_deg))
 
     @classmethod
-    def of(cls, region: Area, config: BuildConfig, gsd_m: float) -> Promise | None:
+    def of(cls, region: Area, config: BuildConfig, gsd_m: float) -> PromiseChoice | None:
         """None for a build that promises nothing, or with Suns that all are outside what can happen.
         ConfigError for a footprint that is too small.
         """
@@ -169,9 +169,7 @@ class Promise:
         """The places within the radius of each candidate: where they start, and their numbers."""
         return self._nearby.around((lon_deg, lat_deg), self.places.radius_m)
 
-    def choose(
-        self, table: AnyArray, has_heights: Mask, most: int | None
-    ) -> tuple[Index, Guarantee]:
+    def choose(self, table: AnyArray, has_heights: Mask, most: int | None) -> tuple[Index, Promise]:
         """Rows of the table of all areas that become points, in the order of their ids, and how the
         promise is kept. ``has_heights``: of the places; ``most``: greatest number of points.
         """
@@ -192,7 +190,7 @@ class Promise:
         cause = self._causes(found, wanted, demand, has_heights)
         steps = np.unique(np.linspace(0, len(choice.met) - 1, _CURVE_STEPS).astype(np.int64))
         steps = steps[: len(choice.met)]
-        guarantee = Guarantee(
+        promise = Promise(
             longitude=self.places.lon_deg,
             latitude=self.places.lat_deg,
             demand=self.places.demand,
@@ -201,14 +199,16 @@ class Promise:
             size=steps.astype(np.int32) + 1,
             met=choice.met[steps] / max(1, int(np.count_nonzero(wanted))),
             served=choice.served[steps],
-            per_view=float(self.config.points.promised),
-            footprint_m=self.places.footprint_m,
-            radius_m=self.places.radius_m,
-            lower_bound=bound,
+            places=np.array([len(self.places.lon_deg)]),
+            gsd=np.array([self.gsd_m]),
+            per_view=np.array([self.config.points.promised]),
+            footprint=np.array([self.places.footprint_m]),
+            radius=np.array([self.places.radius_m]),
+            lower_bound=np.array([bound]),
         )
         rows = pool[choice.chosen]
         ids = stable_id(table["lon_deg"][rows], table["lat_deg"][rows])
-        return rows[np.argsort(ids, kind="stable")], guarantee
+        return rows[np.argsort(ids, kind="stable")], promise
 
     def _pool(self, table: AnyArray) -> Index:
         """Candidates no two of which are closer than the least distance, those with more information

@@ -21,7 +21,7 @@ from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.config import AreaConfig, PointConfig, SunConfig, ViewConfig
 from lcp_catalog.production.finished_area import FinishedArea, finished_area
-from lcp_catalog.production.guarantee import Promise, PromisedPlaces
+from lcp_catalog.production.promise import PromiseChoice, PromisedPlaces
 from lcp_catalog.production.run import Build, finish
 from lcp_catalog.terrain.area import Area
 
@@ -90,7 +90,7 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     least as many points, usable by `predict`, as are stored for the nearest place, and where the
     cause is MET as many as are promised.
     """
-    rng, told = np.random.default_rng(7), catalog.guarantee
+    rng, told = np.random.default_rng(7), catalog.promise
     assert told is not None
     lon, lat = (np.tile(part, 4) for part in plan.region.lattice(101))
     sun = suns_that_happen(rng, lat)
@@ -118,7 +118,7 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
 
 
 def test_what_is_not_kept_has_a_cause(catalog: Catalog, built: Path) -> None:
-    told = catalog.guarantee
+    told = catalog.promise
     assert told is not None
     assert verify(built) == []
     short = (told.points < told.demand[:, None, None, None]) & (told.points != NO_CELL)
@@ -132,7 +132,7 @@ def chosen(
     plan: Build, areas: list[FinishedArea], most: int | None = None
 ) -> tuple[list[int], Any]:
     """Ids of the points chosen among areas in this order, and the promise."""
-    promise = Promise.of(plan.region, plan.config, plan.gsd_m)
+    promise = PromiseChoice.of(plan.region, plan.config, plan.gsd_m)
     assert promise is not None
     for area in areas:
         promise.see(area.table, area.stages)
@@ -152,8 +152,8 @@ def test_the_order_of_areas_and_candidates_does_not_matter(
 ) -> None:
     ids, told = chosen(plan, [shuffled(area) for area in reversed(areas.values())])
     assert ids == catalog.point_id.tolist()
-    np.testing.assert_array_equal(told.points, catalog.guarantee.points)
-    np.testing.assert_array_equal(told.cause, catalog.guarantee.cause)
+    np.testing.assert_array_equal(told.points, catalog.promise.points)
+    np.testing.assert_array_equal(told.cause, catalog.promise.cause)
 
 
 def test_a_limited_size_is_the_start_of_the_curve(
@@ -162,9 +162,9 @@ def test_a_limited_size_is_the_start_of_the_curve(
     """And what the limit leaves out has that cause."""
     ids, told = chosen(plan, list(areas.values()), 5)
     assert len(ids) == told.size[-1] == 5
-    np.testing.assert_array_equal(told.met, catalog.guarantee.met[:5])
+    np.testing.assert_array_equal(told.met, catalog.promise.met[:5])
     assert (told.cause == Cause.SIZE).any()
-    assert not (catalog.guarantee.cause == Cause.SIZE).any()
+    assert not (catalog.promise.cause == Cause.SIZE).any()
     assert told.lower_bound == 0.0
 
 
@@ -179,7 +179,7 @@ def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, Fin
         assert ids == []
         assert stage in np.unique(told.cause)
         assert set(np.unique(told.cause)) <= {stage, Cause.FEATURELESS, NO_CELL}
-    promise = Promise.of(plan.region, plan.config, plan.gsd_m)
+    promise = PromiseChoice.of(plan.region, plan.config, plan.gsd_m)
     assert promise is not None
     none = areas[plan.jobs[0].task.name].table[:0]
     promise.see(none, np.zeros((0, 1 + promise.columns.max()), np.uint8))

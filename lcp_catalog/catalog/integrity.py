@@ -1,0 +1,257 @@
+"""Digests of a file: the SHA-256 of every stored chunk in one table, and of this table with all that describes the
+variables, the attribute `CONTENT`. docs/reference/catalogue-format.md has the form that is digested.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import prod
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ..arrays import AnyArray, Bytes, Index, Mask
+from ..errors import CatalogError
+from .schema import Variable
+
+CONTENT = "content_sha256"
+"""Global attribute with the digest of the content."""
+
+INTEGRITY = "integrity"
+"""Group of the table of digests and of its dimensions."""
+
+TABLE = "chunk_sha256"
+"""The table: a row of `DIGEST_BYTES` for each chunk."""
+
+DIGEST_BYTES = 32
+
+DIGESTS = Variable(("chunk", "byte"), "u1", "1", "SHA-256 of each chunk of each variable")
+
+HDF5_ERRORS = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    MemoryError,
+)
+"""Errors that h5py raises for damaged files."""
+
+_ADDRESSES = ("DIMENSION_LIST", "REFERENCE_LIST")
+"""Attributes that hold places in the file: the names of the dimensions stand for them."""
+
+
+def line_of(error: BaseException) -> str:
+    """An error as one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def chunk_digest(stored: bytes, filter_mask: int = 0) -> bytes:
+    """SHA-256 of a chunk: its filter mask, 4 bytes with the lowest first, and its stored bytes."""
+    return hashlib.sha256(filter_mask.to_bytes(4, "little") + stored).digest()
+
+
+def content_digest(file: h5py.File, table: Bytes) -> str:
+    """The digest of an open file's content with this table of chunks (n, 32)."""
+    variables, groups = {}, {}
+    for path, member in _members(file):
+        if isinstance(member, h5py.Group):
+            groups[path] = _attributes(member)
+        else:
+            variables[path] = _described(member)
+    content = {
+        "groups": groups,
+        "variables": variables,
+        "chunks": hashlib.sha256(table.tobytes()).hexdigest(),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _members(place: h5py.Group, before: str = "") -> Iterator[tuple[str, Any]]:
+    """All groups and variables by their paths, the file itself first, whose path is empty."""
+    yield before[:-1], place
+    for name in sorted(place):
+        member = place[name]
+        if isinstance(member, h5py.Group):
+            yield from _members(member, f"{before}{name}/")
+        else:
+            yield f"{before}{name}", member
+
+
+def _attributes(place: Any) -> dict[str, Any]:
+    """The attributes of a group or a variable: texts as they are, numbers as type, shape and bytes."""
+    return {
+        name: _plain(place.attrs[name])
+        for name in place.attrs
+        if name not in (*_ADDRESSES, CONTENT)
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    array = np.asarray(value)
+    return [array.dtype.str, list(array.shape), array.tobytes().hex()]
+
+
+def _described(dataset: h5py.Dataset) -> dict[str, Any]:
+    stored = dataset.id.get_create_plist()
+    text = h5py.check_string_dtype(dataset.dtype)
+    return {
+        "type": dataset.dtype.str if text is None else f"{dataset.dtype.str} {text.encoding}",
+        "shape": list(dataset.shape),
+        "chunks": list(dataset.chunks or ()),
+        "filters": [stored.get_filter(k)[0] for k in range(stored.get_nfilters())],
+        "dimensions": list(dimensions(dataset)),
+        "attributes": _attributes(dataset),
+    }
+
+
+def dimensions(dataset: h5py.Dataset) -> tuple[str, ...]:
+    """Names of the dimensions of a variable, which are those of the coordinates it refers to."""
+    if dataset.is_scale:
+        return (str(dataset.name).rpartition("/")[2],)
+    axes = (dim[0].name if len(dim) else "?" for dim in dataset.dims)
+    return tuple(str(name).rpartition("/")[2] for name in axes)
+
+
+@dataclass(frozen=True)
+class ChunkGrid:
+    """The chunks of a variable, and the row of its first one in the table."""
+
+    first: int
+    shape: tuple[int, ...]
+    sides: tuple[int, ...]
+
+    @cached_property
+    def along(self) -> tuple[int, ...]:
+        """Numbers of chunks along the axes."""
+        return tuple(-(-n // side) for n, side in zip(self.shape, self.sides, strict=True))
+
+    def __len__(self) -> int:
+        return prod(self.along)
+
+    def number(self, offset: tuple[int, ...]) -> int:
+        """Row in the table of the chunk with this offset: the last axis runs fastest."""
+        where = tuple(k // side for k, side in zip(offset, self.sides, strict=True))
+        return self.first + int(np.ravel_multi_index(where, self.along))
+
+    def offset(self, number: int) -> tuple[int, ...]:
+        """Offset of the chunk with this row in the table."""
+        where = np.unravel_index(number - self.first, self.along)
+        return tuple(int(k) * side for k, side in zip(where, self.sides, strict=True))
+
+    def touched(self, index: tuple[Any, ...]) -> Index:
+        """Rows of the chunks that hold what an index selects: slices, numbers, and rows first."""
+        axes = []
+        for axis, (length, side) in enumerate(zip(self.shape, self.sides, strict=True)):
+            own = index[axis] if axis < len(index) else slice(None)
+            if isinstance(own, slice):
+                places = range(*own.indices(length))
+                ends = sorted((places[0], places[-1])) if places else (0, -1)
+                axes.append(np.arange(ends[0] // side, ends[1] // side + 1))
+            else:
+                axes.append(
+                    np.unique(np.asarray(own, np.int64).reshape(-1) % max(1, length)) // side
+                )
+        if not all(len(axis) for axis in axes):
+            return np.zeros(0, np.int64)
+        where = np.meshgrid(*map(np.unique, axes), indexing="ij")
+        return np.asarray(self.first + np.ravel_multi_index(where, self.along).ravel())
+
+
+def chunk_grids(
+    layouts: Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]],
+) -> dict[str, ChunkGrid]:
+    """The chunks of variables with these shapes and sides of chunks, by path: the table has them in the
+    order of the paths.
+    """
+    found, first = {}, 0
+    for path in sorted(layouts):
+        found[path] = ChunkGrid(first, *layouts[path])
+        first += len(found[path])
+    return found
+
+
+def file_grids(file: h5py.File) -> dict[str, ChunkGrid]:
+    """The chunks of the variables of an open file, but those of the table itself."""
+    return chunk_grids(
+        {
+            path: (member.shape, member.chunks)
+            for path, member in _members(file)
+            if isinstance(member, h5py.Dataset) and member.chunks and path != f"{INTEGRITY}/{TABLE}"
+        }
+    )
+
+
+class ChunkDigests:
+    """The table of an open file. A chunk is checked before its first use.
+
+    CatalogError for a table that is not that of the attribute `CONTENT`, or that has not a row for each chunk.
+    """
+
+    def __init__(self, file: h5py.File) -> None:
+        self.grids = file_grids(file)
+        self._table: Bytes = np.asarray(file[f"{INTEGRITY}/{TABLE}"][()])
+        count = sum(map(len, self.grids.values()))
+        if self._table.shape != (count, DIGEST_BYTES):
+            raise CatalogError(f"{INTEGRITY}/{TABLE}: has not a digest for each of {count} chunks")
+        if content_digest(file, self._table) != file.attrs[CONTENT]:
+            raise CatalogError(
+                f"{CONTENT}: the content is not what was written (damaged or edited)"
+            )
+        self._checked: Mask = np.zeros(count, np.bool_)
+
+    def require(self, file: h5py.File, path: str, index: tuple[Any, ...]) -> None:
+        """CatalogError if a chunk that holds what an index selects is not the one that was written."""
+        grid = self.grids[path]
+        wanted = grid.touched(index)
+        for number in wanted[~self._checked[wanted]].tolist():
+            if not self._is_sound(file[path], grid, number):
+                where = ", ".join(map(str, grid.offset(number)))
+                raise CatalogError(
+                    f"{path}: is damaged: the chunk at [{where}] is not what was written"
+                )
+            self._checked[number] = True
+
+    def problems(self, file: h5py.File, but: Collection[str] = ()) -> Iterator[str]:
+        """A line for each variable with chunks that are not those that were written; ``but``: paths of variables
+        that are left out.
+        """
+        for path, grid in self.grids.items():
+            if path in but:
+                continue
+            numbers = range(grid.first, grid.first + len(grid))
+            wrong = sum(not self._is_intact(file[path], grid, number) for number in numbers)
+            if wrong:
+                yield f"{path}: {wrong} of {len(grid)} chunks are not what was written (damaged or edited)"
+
+    def _is_intact(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bool:
+        """As `_is_sound`; False for a chunk that cannot be read."""
+        try:
+            return self._is_sound(dataset, grid, number)
+        except HDF5_ERRORS:
+            return False
+
+    def _is_sound(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bool:
+        mask, stored = dataset.id.read_direct_chunk(grid.offset(number))
+        return chunk_digest(stored, mask) == self._table[number].tobytes()
+
+
+def digest_table(
+    digests: Mapping[str, Mapping[tuple[int, ...], bytes]], grids: Mapping[str, ChunkGrid]
+) -> AnyArray:
+    """The table (n, 32) from the digests of chunks by path and offset. KeyError for a chunk without."""
+    rows = [
+        digests[path][grid.offset(number)]
+        for path, grid in grids.items()
+        for number in range(grid.first, grid.first + len(grid))
+    ]
+    return np.frombuffer(b"".join(rows), np.uint8).reshape(-1, DIGEST_BYTES)
