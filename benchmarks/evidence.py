@@ -43,10 +43,10 @@ from lcp_catalog.images.pixels import image_shape
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.plots.axes import Axes, Axis, round_ticks
-from lcp_catalog.plots.greyscale import grey, shrunk
 from lcp_catalog.plots.numbers import typeset
+from lcp_catalog.plots.pictures import grey, shrunk
 from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
-from lcp_catalog.validation.report_windows import COLOURS, correlation_class
+from lcp_catalog.validation.report_pictures import COLOURS, correlation_class
 from lcp_catalog.validation.result import ImageVerdict, plain
 from lcp_catalog.validation.run import Validation, run_validation
 from lcp_catalog.validation.window_correlation import WindowComparison

@@ -21,9 +21,8 @@ from ..arrays import AnyArray
 from ..geometry.angles import turned_deg, wrapped_deg
 from ..geometry.map_plane import MapPlane
 from ..plots.axes import Axes, Axis, round_ticks
-from ..plots.greyscale import grey
 from ..plots.numbers import nice_step, number
-from ..plots.png import data_uri
+from ..plots.pictures import data_uri, grey
 
 STEPS = 6
 """Number of colours of a share from 0 to 1."""

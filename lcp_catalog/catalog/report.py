@@ -15,7 +15,7 @@ from ..geometry.map_plane import EQUIRECTANGULAR, ORTHOGRAPHIC, POLAR_STEREOGRAP
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.html_page import page
 from ..plots.numbers import number
-from ..plots.png import data_uri
+from ..plots.pictures import data_uri
 from .charts import (
     MAP_PX,
     STEPS,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array, Bytes
 from ..geometry.angles import wrapped_deg
 from ..geometry.bounds import Bounds
-from ..plots.png import encode_png
+from ..plots.pictures import encode_png
 from ..plots.text import HEIGHT_PX, LINE_PX, draw_text, width_px
 from .grid import Grid
 from .mosaic import DemSet

@@ -28,12 +28,12 @@ from ..images.image import Image
 from ..photometry.laws import Reflectance
 from . import sun_check
 from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
+from .common_errors import shadow_shift_px
 from .consensus import GATE, SIGNIFICANT, independent_share, widened
 from .point_choice import likeliest
 from .pose import Pose, jacobian, solve
 from .search_area import SearchArea, slack_px
 from .search_image import SearchImage
-from .shadow_shift import shadow_shift_px
 from .subpixel import peaks
 from .sun_check import SunCheck, check_sun
 

@@ -24,7 +24,7 @@ from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
 from ..errors import CameraError, PoseError
-from .shared_terrain import SharedTerrain
+from .common_errors import SharedTerrain
 
 STEP_PX = 0.1
 """Shift of the image, about, by which a correction is varied for the Jacobian."""

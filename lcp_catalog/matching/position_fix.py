@@ -24,6 +24,7 @@ from ..images.image import Image
 from ..images.image_file import open_image
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from .common_errors import SharedTerrain, shadow_shift_px
 from .consensus import (
     SHARE_IF_HERE,
     SIGNIFICANT,
@@ -35,7 +36,6 @@ from .consensus import (
 )
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches, joined
-from .places_apart import none_in_view
 from .point_choice import (
     at_one_scale,
     likeliest,
@@ -47,10 +47,8 @@ from .point_choice import (
 from .point_claims import NO_CLAIM
 from .point_search import Criteria, find_points
 from .pose import Pose, residuals_px, solve
-from .search_area import SearchArea, narrowed, perhaps_in_view
+from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
 from .search_image import nothing_in
-from .shadow_shift import shadow_shift_px
-from .shared_terrain import SharedTerrain
 from .sun_check import SunCheck, check_points
 
 LOCATED = "located"

@@ -16,16 +16,15 @@ from ..catalog.catalogue import Catalog
 from ..errors import CameraError
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
+from ..matching.common_errors import SharedTerrain, shadow_shift_m
 from ..matching.point_claims import LEAST_SIGMA_PX
 from ..matching.pose import jacobian
-from ..matching.shadow_shift import shadow_shift_m
-from ..matching.shared_terrain import SharedTerrain
 from .frame_points import FramePoints, PlannedImage, points_of_frames
 from .information import Information, best_points, dilution
 
 SOURCES = ("match", "place", "pixel", "height", "shadow", "map", "attitude")
 """Errors of a position: of the matches; of each point's place on the ground; of a pixel's least
-error; of the points' heights; by shadows below a cell (`matching.shadow_shift`); of the place common
+error; of the points' heights; by shadows below a cell (`matching.common_errors`); of the place common
 to all points; of the attitude known before.
 """
 

@@ -5,9 +5,9 @@ The unknowns are the corrections of `cameras.sensor.POSE`: a shift in MCMF, metr
 about the camera's own axes, radians. A point i with the derivatives J_i (2 x 6) of its pixel, the
 covariance C_i (2 x 2) of its place in the image and the probability p_i that it is found adds
 p_i J_i^T C_i^-1 J_i to the normal matrix. Points whose patches overlap have errors in common
-(`matching.shared_terrain`): with the correlation r_ij and the derivatives a_i in sigmas, the
+(`matching.common_errors`): with the correlation r_ij and the derivatives a_i in sigmas, the
 covariance is N^-1 (N + sum_ij p_i p_j r_ij a_i^T a_j + b b^T) N^-1, with b = sum_i p_i J_i^T C_i^-1 d_i
-for an error that moves each place by d_i (`matching.shadow_shift`).
+for an error that moves each place by d_i (`matching.common_errors`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays import Array, Index
+from ..matching.common_errors import SharedTerrain
 from ..matching.pose import covariance_of
-from ..matching.shared_terrain import SharedTerrain
 
 FIRST_SIGMAS = 3.0
 """1 sigma of the position before the first point of `best_points`, in mean distances of the points;

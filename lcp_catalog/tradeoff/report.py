@@ -19,7 +19,7 @@ from ..choices import LAWS_BY_COST, REFERENCE_LAW
 from ..geometry.angles import turned_deg
 from ..plots.html_page import page
 from ..plots.numbers import number
-from ..plots.png import data_uri
+from ..plots.pictures import data_uri
 from .law_costs import CONTRAST, WINDOW, ModelChanges
 from .measurement import ErrorPicture, Trade
 from .pareto_plot import pareto

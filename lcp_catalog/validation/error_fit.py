@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import tomli_w
 from scipy.optimize import nnls
 
 from ..arrays import AnyArray, Array, Float32, Index, Mask
@@ -306,3 +307,27 @@ def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
         else:
             high = middle
     return replace(model, position_sigma_m=high if high > _LEAST_PLACE_M else 0.0)
+
+
+DIGITS = 4
+"""Significant digits of a value in the file; a fit is not more precise."""
+
+
+@dataclass(frozen=True)
+class FittedErrors:
+    """An error model, the number of points that it was fitted to, and the names of their images."""
+
+    model: ErrorModel
+    points: int
+    images: tuple[str, ...]
+
+    def to_toml(self) -> str:
+        """The section ``[errors]`` of a BUILD.toml; equal models give equal text."""
+        values = {name: float(f"{v:.{DIGITS}g}") for name, v in self.model.to_dict().items()}
+        source = f"{self.points} points searched for in {', '.join(_plain(name) for name in self.images)}"
+        return f"# fitted to {source}\n" + tomli_w.dumps({"errors": values})
+
+
+def _plain(name: str) -> str:
+    """A file's name without line ends and other control characters, for a comment."""
+    return "".join(c if c.isprintable() else "?" for c in name)

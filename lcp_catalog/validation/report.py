@@ -1,4 +1,6 @@
-"""The validation report: one self-contained HTML page. The template is ``validation.html.j2``."""
+"""The validation report: one self-contained HTML page. The template is ``validation.html.j2``. The
+drawings are in `report_pictures`.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +9,20 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from markupsafe import Markup
+
+from ..cameras.sensor import POSE
 from ..catalog.summary import percent
+from ..matching.pose import PositionError
 from ..matching.position_fix import BY_ALL_POINTS
 from ..matching.sun_check import SunCheck
+from ..plots.axes import Axes, Axis
 from ..plots.html_page import page
 from ..plots.numbers import number
-from .report_claims import claims_data
+from .claims import GATE_PX, GATE_SIGMAS, Bin, Scores
+from .report_pictures import MODES, windows_data
 from .report_points import points_data, table_data
-from .report_pose import pose_data
-from .report_windows import MODES, windows_data
-from .result import ImageVerdict, Pictures, ValidationResult, plain
+from .result import ImageVerdict, Pictures, PoseFigures, ValidationResult, plain
 
 
 def render(verdict: ValidationResult, pictures: Sequence[Pictures]) -> str:
@@ -151,3 +157,164 @@ def _turn(turned_deg: float, raised_deg: float) -> str:
 
 def _maybe(value: float | None) -> str:
     return number(math.nan if value is None else value)
+
+
+COLUMNS = (
+    "",
+    "trials",
+    "found of usable",
+    "found of others",
+    "usable of found",
+    "Brier score (constant)",
+    "calibration error",
+    "squared error over claimed",
+)
+"""Columns of the table of scores: the image, and `_cells`."""
+
+_TICKS = [(k / 5, f"{k / 5:g}") for k in range(6)]
+_SIDE = 330.0
+
+
+def claims_data(verdict: ValidationResult) -> dict[str, Any]:
+    """The diagram, its caption, and the table; ``none`` states why nothing was scored."""
+    whole = verdict.scores
+    data: dict[str, Any] = dict.fromkeys(("none", "diagram", "caption"), None)
+    data |= {"columns": COLUMNS, "rows": []}
+    if not whole.count:
+        return data | {"none": f": {whole.reason}" if whole.reason else ""}
+    rows = [(k, image.facts.name, _cells(image.scores)) for k, image in enumerate(verdict.images)]
+    together = [(None, "all images", _cells(whole))] if len(rows) > 1 else []
+    return data | {
+        "diagram": reliability_diagram(whole),
+        "caption": _caption(whole),
+        "rows": rows + together,
+    }
+
+
+def reliability_diagram(scores: Scores) -> Markup:
+    """Observed over predicted share found, one mark per bin with trials, its 95 % interval, and the
+    number of trials above it.
+    """
+    axes = Axes(
+        Axis(0.0, 1.0, _TICKS, "claimed detection probability", grid=True),
+        Axis(0.0, 1.0, _TICKS, "share found", grid=True),
+        width=_SIDE,
+        height=_SIDE,
+        top=40.0,
+    )
+    filled = [b for b in scores.reliability if b.count]
+    label = "reliability diagram: " + ", ".join(
+        f"claimed {b.predicted:.2f}, found {b.observed:.2f} of {b.count}" for b in filled
+    )
+    inside = axes.line([0.0, 1.0], [0.0, 1.0], "ideal")
+    inside += Markup('<text class="name" x="0" y="-24">trials in each bin</text>')
+    inside += Markup().join(_mark(axes, b) for b in filled)
+    return axes.draw(inside, label, css="square")
+
+
+def _mark(axes: Axes, b: Bin) -> Markup:
+    """A bin: interval, mark and number of trials."""
+    x, y = (float(at) for at in axes.at(b.predicted, b.observed))
+    low, high = b.interval
+    _, ends = axes.at([b.predicted] * 2, [low, high])
+    middle = float(axes.at((b.low + b.high) / 2.0, 0.0)[0])
+    return Markup(
+        '<g class="bin"><title>{:g} to {:g}: {} trials, claimed {:.3f}, found {:.3f} (95 % interval {:.3f} to {:.3f})</title>'
+        '<path d="M{:.1f} {:.1f}V{:.1f}"/><circle cx="{:.1f}" cy="{:.1f}" r="4.5"/>'
+        '<text class="middle" x="{:.1f}" y="-7">{}</text></g>'
+    ).format(
+        b.low, b.high, b.count, b.predicted, b.observed, low, high, x, *ends, x, y, middle, b.count
+    )
+
+
+def _caption(scores: Scores) -> list[str]:
+    """Sentences below the diagram."""
+    sentences = [
+        f"Trials: {scores.count} searches for points in view, each within the catalogue's search radius. Number of points "
+        f"without a claim for the image's Sun, view and scale, left out: {scores.unclaimed}.",
+        f"Found: a match within {GATE_SIGMAS:g} claimed sigmas, or {GATE_PX:g} pixels, of the place that the corrected "
+        "camera predicts.",
+        "Vertical bars: 95 % confidence intervals of the share found (Wilson). Broken line: exact agreement. Mean distance "
+        f"from it (expected calibration error): {number(scores.expected_calibration_error)}.",
+    ]
+    if scores.errors:
+        sentences.append(
+            f"Squared error of the {scores.errors} usable points that were found, over its expectation by the claimed "
+            f"covariance: {number(scores.normalised_squared_error)} in the mean, "
+            f"{number(scores.normalised_squared_error_median)} by the median. Above 1 the claimed sigmas are too small."
+        )
+    return sentences
+
+
+def _cells(scores: Scores) -> tuple[str, ...]:
+    """Cells of a row of the table; the reason alone if there is no trial."""
+    if not scores.count:
+        return (scores.reason or "no trial",)
+    error = number(scores.normalised_squared_error)
+    return (
+        str(scores.count),
+        _share(scores.found_of_usable, scores.usable),
+        _share(scores.found_of_unusable, scores.count - scores.usable),
+        _share(scores.usable_of_found, scores.found),
+        f"{number(scores.brier)} ({number(scores.brier_of_the_mean)})",
+        number(scores.expected_calibration_error),
+        f"{error} of {scores.errors}" if scores.errors else "–",
+    )
+
+
+def _share(share: float, count: int) -> str:
+    return f"{percent(share)} of {count}" if math.isfinite(share) else "–"
+
+
+_ARC_SECONDS = math.degrees(3600.0)
+_CORRECTIONS = {
+    "x_m": ("position, MCMF x", "m", 1.0),
+    "y_m": ("position, MCMF y", "m", 1.0),
+    "z_m": ("position, MCMF z", "m", 1.0),
+    "turn_x_rad": ("rotation, camera x (right)", "″", _ARC_SECONDS),
+    "turn_y_rad": ("rotation, camera y (down)", "″", _ARC_SECONDS),
+    "turn_z_rad": ("rotation, line of sight", "″", _ARC_SECONDS),
+    "east_m": ("map, east", "m", 1.0),
+    "north_m": ("map, north", "m", 1.0),
+}
+"""Name, unit, and the factor to that unit."""
+
+
+def pose_data(figures: PoseFigures | None) -> dict[str, Any] | None:
+    """Table of the corrections and facts on the position; None without a pose."""
+    if figures is None:
+        return None
+    pose = figures.pose
+    each = zip(pose.sensor.corrections, pose.correction, pose.sigma, pose.solved, strict=True)
+    axes = " x ".join(number(axis) for axis in figures.position_axes_m)
+    facts = [
+        ("position, 1 sigma", f"{number(pose.position_sigma_m)} m; along its axes {axes} m"),
+        ("position error", _error(figures.error) if pose.sensor.corrections == POSE else ""),
+        ("normalised error", f"{number(pose.normalised_error)} (expected: 1)"),
+    ]
+    return {
+        "corrections": [_correction(n, value, sigma, solved) for n, value, sigma, solved in each],
+        "facts": [(name, text) for name, text in facts if text],
+    }
+
+
+def _correction(name: str, value: float, sigma: float, solved: bool) -> tuple[str, str, str]:
+    """Name, correction and 1 sigma of a parameter; a parameter that was not estimated is "fixed"."""
+    meaning, unit, factor = _CORRECTIONS[name]
+    if not solved:
+        return meaning, "–", "fixed"
+    return meaning, f"{_signed(value * factor)} {unit}", f"{number(sigma * factor)} {unit}"
+
+
+def _error(error: PositionError | None) -> str:
+    if error is None:
+        return "unknown; if the pose is stated to be known, the camera file’s position is taken as the true one"
+    off, sigma = error.error, error.sigma
+    return (
+        f"{number(off.whole_m)} m from the true position; across the line of sight {number(off.across_m)} m "
+        f"(1 sigma {number(sigma.across_m)} m), along it {number(off.along_m)} m ({number(sigma.along_m)} m)"
+    )
+
+
+def _signed(value: float) -> str:
+    return ("+" if value > 0 else "") + number(value).replace("-", "−")

@@ -12,11 +12,10 @@ from ..arrays import Array
 from ..geometry.ellipses import error_ellipses
 from ..matching.matches import MEANINGS, REASONS
 from ..matching.position_fix import LOCATED
-from ..plots.greyscale import grey, shrunk
 from ..plots.numbers import number
-from ..plots.png import data_uri
-from . import report_marks
-from .report_marks import SCALE_ROOM, Arrows, ImageDrawing
+from ..plots.pictures import data_uri, grey, shrunk
+from . import report_pictures as drawings
+from .report_pictures import SCALE_ROOM, Arrows, ImageDrawing
 from .result import ImageVerdict, Pictures
 
 ROWS_MAX = 1500
@@ -28,19 +27,19 @@ def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:
     if not len(image.matches):
         return None
     frame, arrows = _frame(image), _arrows(image)
-    times = report_marks.magnification(frame, arrows)
+    times = drawings.magnification(frame, arrows)
     has_arrows = len(arrows.by) > 0
-    marks = report_marks.reason_marks(frame, _places(image), _reasons(image), _titles(image))
+    marks = drawings.reason_marks(frame, _places(image), _reasons(image), _titles(image))
     inside = _image_picture(frame, shown) + marks
-    inside += report_marks.arrow_marks(frame, arrows, times)
+    inside += drawings.arrow_marks(frame, arrows, times)
     if has_arrows:
-        inside += report_marks.scale_arrow(frame, times, arrows, "px")
+        inside += drawings.scale_arrow(frame, times, arrows, "px")
     label = f"control points in {image.facts.name}"
     return {
         "drawing": frame.drawing(inside, label, SCALE_ROOM if has_arrows else 0),
         "text": _arrow_sentence(image),
         "residuals": _residuals(image, arrows),
-        "legend": report_marks.reason_key(image.matches.counts().items(), MEANINGS),
+        "legend": drawings.reason_key(image.matches.counts().items(), MEANINGS),
     }
 
 
@@ -89,7 +88,7 @@ def _arrows(image: ImageVerdict) -> Arrows:
     located = image.verdict == LOCATED
     by = (image.residual_px if located else image.matches.offset_px)[found]
     start = image.matches.found_px[found] - by
-    over, css = report_marks.error_classes(by, image.matches.covariance_px2[found])
+    over, css = drawings.error_classes(by, image.matches.covariance_px2[found])
     titles = [
         f"{identifier}: {number(dx)} px right, {number(dy)} down"
         + (f", {number(times)} sigma" if located else "")
@@ -118,7 +117,7 @@ def _residuals(image: ImageVerdict, arrows: Arrows) -> dict[str, Any] | None:
         ),
         "classes": [
             (css, name, arrows.css.count(css))
-            for (_, css), name in zip(report_marks.ERROR_CLASSES, names, strict=True)
+            for (_, css), name in zip(drawings.ERROR_CLASSES, names, strict=True)
         ],
     }
 

@@ -43,13 +43,12 @@ from ..matching.position_fix import (
 from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
-from ..plots.greyscale import PIXELS_MAX
+from ..plots.pictures import PIXELS_MAX
 from .advice import advised, albedo_advice
 from .claim_trials import ClaimSearch
 from .claims import Claims
 from .encoding_check import EncodingCheck, check_encoding
-from .error_file import FittedErrors
-from .error_fit import Residuals, fit_errors, residuals_of
+from .error_fit import FittedErrors, Residuals, fit_errors, residuals_of
 from .ground_comparison import (
     GroundComparison,
     RenderSettings,

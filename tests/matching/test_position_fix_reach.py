@@ -15,6 +15,7 @@ from helpers.suns import light
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.common_errors import SharedTerrain
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_search import find_points
@@ -28,7 +29,6 @@ from lcp_catalog.matching.position_fix import (
     locate,
 )
 from lcp_catalog.matching.search_area import SearchArea
-from lcp_catalog.matching.shared_terrain import SharedTerrain
 from lcp_catalog.matching.sun_check import SunCheck
 
 QUICK = Options(check_sun=False)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcp_catalog.matching.shared_terrain import SharedTerrain
+from lcp_catalog.matching.common_errors import SharedTerrain
 from lcp_catalog.navigation.information import Information
 
 COUNT = 12

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.plots.greyscale import DARK, LIGHT, PIXELS_MAX, SIDE_MAX, grey, shrunk
+from lcp_catalog.plots.pictures import DARK, LIGHT, PIXELS_MAX, SIDE_MAX, grey, shrunk
 
 
 def by_area(values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

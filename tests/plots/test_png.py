@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lcp_catalog.plots.png import encode_png
+from lcp_catalog.plots.pictures import encode_png
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])

@@ -12,8 +12,8 @@ import pytest
 from helpers import verdicts
 from helpers.pages import Page, decoded, in_browser, measured, parsed
 
-from lcp_catalog.plots.greyscale import PIXELS_MAX, grey
-from lcp_catalog.validation import report_points, report_windows, result
+from lcp_catalog.plots.pictures import PIXELS_MAX, grey
+from lcp_catalog.validation import report_pictures, report_points, result
 from lcp_catalog.validation.encoding_check import EncodingCheck
 from lcp_catalog.validation.report import render
 from lcp_catalog.validation.result import Pictures
@@ -72,7 +72,7 @@ def test_the_pictures_are_those_given(html: str) -> None:
     assert (image[:9, :17, 3] == 0).all()
     np.testing.assert_array_equal(under[..., 0], grey(shown.ground_image)[..., 0])
     assert photo.shape[:2] == shown.image.shape
-    wanted = report_windows.correlation_pixels(verdicts.image().windows.compared)
+    wanted = report_pictures.correlation_pixels(verdicts.image().windows.compared)
     np.testing.assert_array_equal(windows[..., [2, 1, 0, 3]], wanted)
 
 
@@ -158,7 +158,7 @@ def test_the_caption_counts_all_windows_and_those_without_an_offset() -> None:
 
 
 def test_what_the_histogram_cannot_tell_its_caption_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report_windows, "MOST_BELOW", 0.2)
+    monkeypatch.setattr(report_pictures, "MOST_BELOW", 0.2)
     image = verdicts.image()
     w = image.windows.compared
     assert "which the first bar includes" not in alone(image)
@@ -374,7 +374,7 @@ def test_large_pictures_do_not_make_large_pages() -> None:
     html = alone(verdicts.image(), Pictures(noise, 1, noise, noise[::-1]))
     assert len(html) < BYTES_MAX
     image, _, _, under, photo = pictures_of(parsed(html))
-    assert under.shape[0] * under.shape[1] <= report_windows.UNDER_PIXELS
+    assert under.shape[0] * under.shape[1] <= report_pictures.UNDER_PIXELS
     assert 0.9 * PIXELS_MAX < image.shape[0] * image.shape[1] <= PIXELS_MAX
     assert photo.shape == image.shape
 

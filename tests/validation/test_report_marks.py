@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.matching.matches import MEANINGS, REASONS
-from lcp_catalog.validation import report_marks, report_windows
-from lcp_catalog.validation.report_marks import (
+from lcp_catalog.validation import report_pictures
+from lcp_catalog.validation.report_pictures import (
     BOTTOM,
     CANVAS,
     LEFT,
@@ -75,7 +75,7 @@ def test_a_strip_is_no_taller_than_a_page() -> None:
 def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
     frame = ImageDrawing(480, 320)
     start, by = np.array([[10.0, 20.0], [100.0, 50.0]]), np.array([[0.5, -0.25], [0.001, 0.0]])
-    drawn = report_marks.arrow_marks(frame, Arrows(start, by, ["", ""], ["a<b", "c"]), 100.0)
+    drawn = report_pictures.arrow_marks(frame, Arrows(start, by, ["", ""], ["a<b", "c"]), 100.0)
     parsed(drawn)
     assert "a&lt;b" in drawn
     first, second = re.findall(r'<path d="([^"]*)"', drawn)
@@ -92,24 +92,24 @@ def test_arrows_are_as_long_as_they_are_said_to_be() -> None:
 def test_magnification_is_a_round_number_that_fits(length: float, width: int) -> None:
     frame = ImageDrawing(width, width)
     by = np.full((20, 2), [length, 0.0])
-    times = report_marks.magnification(frame, Arrows(by, by, [""] * 20, [""] * 20))
+    times = report_pictures.magnification(frame, Arrows(by, by, [""] * 20, [""] * 20))
     assert float(f"{times:.0e}"[0]) in (1.0, 2.0, 5.0)
     assert 56.0 / 2.51 <= length * times * frame.scale <= 56.01
 
 
 def test_without_arrows_nothing_is_magnified() -> None:
     none = Arrows(np.empty((0, 2)), np.empty((0, 2)), [], [])
-    assert report_marks.magnification(ImageDrawing(10, 10), none) == 1.0
+    assert report_pictures.magnification(ImageDrawing(10, 10), none) == 1.0
     still = Arrows(np.zeros((1, 2)), np.zeros((1, 2)), [""], [""])
-    parsed(report_marks.quiver(ImageDrawing(10, 10), still, "q", "px"))
+    parsed(report_pictures.quiver(ImageDrawing(10, 10), still, "q", "px"))
 
 
 def test_the_scale_arrow_is_what_it_says() -> None:
     frame = ImageDrawing(1000, 500)
     by = np.full((5, 2), [0.03, 0.04])
     arrows = Arrows(np.zeros((5, 2)), by, [""] * 5, [""] * 5)
-    times = report_marks.magnification(frame, arrows)
-    drawn = report_marks.scale_arrow(frame, times, arrows, "px")
+    times = report_pictures.magnification(frame, arrows)
+    drawn = report_pictures.scale_arrow(frame, times, arrows, "px")
     said = re.search(r">([\d.]+) px; arrows magnified ([\d.]+) times", drawn)
     assert said is not None
     assert float(said[2]) == times
@@ -120,7 +120,7 @@ def test_the_scale_arrow_is_what_it_says() -> None:
 
 def test_arrows_of_their_own_length_are_said_to_be() -> None:
     by = np.full((5, 2), [40.0, 0.0])
-    drawn = report_marks.quiver(
+    drawn = report_pictures.quiver(
         ImageDrawing(960, 960), Arrows(by, by, [""] * 5, [""] * 5), "q", "px"
     )
     assert "px; arrows to scale<" in drawn
@@ -132,12 +132,12 @@ def test_residuals_are_judged_by_their_covariances() -> None:
     root = dice.normal(size=(4000, 2, 2))
     covariance = root @ root.transpose(0, 2, 1) + 0.1 * np.eye(2)
     residual = (np.linalg.cholesky(covariance) @ dice.normal(size=(4000, 2, 1)))[..., 0]
-    over, css = report_marks.error_classes(residual, covariance)
+    over, css = report_pictures.error_classes(residual, covariance)
     wanted = [
         math.sqrt(0.5 * r @ np.linalg.inv(c) @ r) for r, c in zip(residual, covariance, strict=True)
     ]
     np.testing.assert_allclose(over, wanted, rtol=1e-9)
-    shares = [css.count(name) / 4000 for _, name in report_marks.ERROR_CLASSES]
+    shares = [css.count(name) / 4000 for _, name in report_pictures.ERROR_CLASSES]
     expected = [
         1 - math.exp(-1),
         math.exp(-1) - math.exp(-4),
@@ -145,7 +145,9 @@ def test_residuals_are_judged_by_their_covariances() -> None:
         math.exp(-9),
     ]
     np.testing.assert_allclose(shares, expected, atol=0.025)  # as the page's caption says
-    assert report_marks.error_classes(np.ones((1, 2)), np.full((1, 2, 2), np.nan))[1] == ["beyond3"]
+    assert report_pictures.error_classes(np.ones((1, 2)), np.full((1, 2, 2), np.nan))[1] == [
+        "beyond3"
+    ]
 
 
 def test_every_reason_has_its_own_symbol_and_meaning() -> None:
@@ -155,13 +157,13 @@ def test_every_reason_has_its_own_symbol_and_meaning() -> None:
     assert filled == ["found"]
     for _, css in SYMBOLS.values():
         assert f".mark .{css} {{" in STYLE
-    for _, css in report_marks.ERROR_CLASSES:
+    for _, css in report_pictures.ERROR_CLASSES:
         assert css == "within2" or f".{css} path {{" in STYLE
 
 
 def test_marks_stand_in_the_image_alone() -> None:
     pixels = np.array([[10.0, 10.0], [-5.0, 10.0], [np.nan, np.nan]])
-    drawn = report_marks.reason_marks(
+    drawn = report_pictures.reason_marks(
         ImageDrawing(96, 96), pixels, ["weak", "found", "found"], ["a", "b", "c"]
     )
     parsed(drawn)
@@ -177,7 +179,7 @@ def test_marks_stand_in_the_image_alone() -> None:
 def test_bars_hold_every_window(values: list[float]) -> None:
     """From -0.2, or from -1 if more than 2 % of the windows lie below."""
     found = comparison(np.array(values))
-    shares, edges = report_windows.bars_shown(found)
+    shares, edges = report_pictures.bars_shown(found)
     assert shares.sum() == pytest.approx(1.0)
     below = sum(value < -0.2 for value in values)
     lowest = -0.2 if below <= 0.02 * len(values) else -1.0
@@ -189,14 +191,14 @@ def test_bars_hold_every_window(values: list[float]) -> None:
 def test_bars_are_numpys_away_from_their_edges() -> None:
     values = np.random.default_rng(2).uniform(-0.19, 1.0, 5000)
     counts, _ = np.histogram(values, np.linspace(-0.2, 1.0, 121))
-    shares, _ = report_windows.bars_shown(comparison(values))
+    shares, _ = report_pictures.bars_shown(comparison(values))
     np.testing.assert_allclose(shares, counts / 5000)
 
 
 @given(st.lists(st.floats(-0.19, 1.0), min_size=1, max_size=40))
 def test_the_mode_is_the_middle_of_the_highest_bar(values: list[float]) -> None:
     found = comparison(np.array(values))
-    shares, edges = report_windows.bars_shown(found)
+    shares, edges = report_pictures.bars_shown(found)
     (fullest,) = np.flatnonzero((edges[:-1] < found.mode) & (found.mode < edges[1:]))
     assert shares[fullest] == shares.max()
     assert found.mode == pytest.approx((edges[fullest] + edges[fullest + 1]) / 2)
@@ -205,13 +207,13 @@ def test_the_mode_is_the_middle_of_the_highest_bar(values: list[float]) -> None:
 def test_the_histogram_shows_its_shares() -> None:
     dice = np.random.default_rng(4)
     found = comparison(np.clip(1.0 - dice.exponential(0.1, 400), -0.1, 0.9999))
-    drawn = report_windows.correlation_histogram(found)
+    drawn = report_pictures.correlation_histogram(found)
     parsed(drawn)
     bars = re.findall(
         r'<rect class="(h\d)" x="([\d.]+)" y="([\d.]+)" width="([\d.]+)" height="([\d.]+)"><title>(.*?) to ([\d.]+): ([\d.]+) %',
         drawn,
     )
-    shares = 100.0 * report_windows.bars_shown(found)[0]
+    shares = 100.0 * report_pictures.bars_shown(found)[0]
     assert len(bars) == np.count_nonzero(shares)
     assert sum(float(bar[-1]) for bar in bars) == pytest.approx(100.0, abs=0.3)
     tallest = max(bars, key=lambda bar: float(bar[-1]))
@@ -232,19 +234,19 @@ def test_the_histogram_shows_its_shares() -> None:
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30))
 def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
-    drawn = report_windows.correlation_histogram(comparison(np.array(values)))
+    drawn = report_pictures.correlation_histogram(comparison(np.array(values)))
     heights = [float(h) for h in re.findall(r'height="([\d.]+)"><title>', drawn)]
     assert 110.0 <= max(heights) <= 220.1
     lines = re.findall(r'M0 ([\d.]+)H420"/><text class="end" x="-7" y="[\d.]+">([\d.e+]+)<', drawn)
     top = max(float(name) for _, name in lines)
-    share = 100.0 * report_windows.bars_shown(comparison(np.array(values)))[0].max()
+    share = 100.0 * report_pictures.bars_shown(comparison(np.array(values)))[0].max()
     assert top >= share * (1 - 1e-6)
     assert max(heights) == pytest.approx(220.0 * share / top, abs=0.06)
     assert 3 <= len(lines) <= 7
 
 
 def test_colours_change_at_their_limits() -> None:
-    boxes = re.findall(r'<rect fill="(rgb[^"]*)"', report_windows.colour_scale())
+    boxes = re.findall(r'<rect fill="(rgb[^"]*)"', report_pictures.colour_scale())
     classes = [
         (-1.0, 0),
         (0.0, 0),
@@ -259,8 +261,8 @@ def test_colours_change_at_their_limits() -> None:
         (1.0, 7),
     ]
     for value, k in classes:
-        assert report_windows.correlation_class(value) == k
-        assert boxes[k] == f"rgb{report_windows.COLOURS[k]}"
+        assert report_pictures.correlation_class(value) == k
+        assert boxes[k] == f"rgb{report_pictures.COLOURS[k]}"
 
 
 def test_the_map_has_one_pixel_a_window() -> None:
@@ -269,11 +271,11 @@ def test_the_map_has_one_pixel_a_window() -> None:
     weight = np.ones((70, 90))
     weight[:30, :30] = 0.0
     found = compare(image, render, weight, gsd_m=1.0)
-    pixels = report_windows.correlation_pixels(found)
+    pixels = report_pictures.correlation_pixels(found)
     assert pixels.shape == (4, 5, 4)
     assert np.count_nonzero(pixels[..., 3]) == found.count < 20
     for row, col, value in zip(found.row, found.col, found.correlation, strict=True):
-        colour = report_windows.COLOURS[int(report_windows.correlation_class(value))]
+        colour = report_pictures.COLOURS[int(report_pictures.correlation_class(value))]
         assert tuple(pixels[row // 16, col // 16]) == (*colour, 255)
 
 
@@ -288,7 +290,7 @@ def test_the_map_lies_where_its_windows_do(step: int, left: float, wide: float) 
     ones = np.ones(len(cols))
     rows = np.zeros(len(cols), np.int64)
     found = WindowComparison(16, step, 1.0, rows, cols, ones, ones, ones, "kept")
-    drawn = report_windows.correlation_map(ImageDrawing(480, 240), found, "data:,")
+    drawn = report_pictures.correlation_map(ImageDrawing(480, 240), found, "data:,")
     wanted = re.search(r'x="([-\d.]+)" y="([-\d.]+)" width="([\d.]+)" height="([\d.]+)"', drawn)
     x, _, width, height = (float(value) / 2.0 for value in wanted.groups())
     assert (x, width, height) == pytest.approx((left, (len(cols) - 1) * step + step, step))
@@ -300,9 +302,10 @@ def test_the_map_lies_where_its_windows_do(step: int, left: float, wide: float) 
 def test_every_class_of_a_drawing_has_a_rule() -> None:
     image = verdicts.image()
     drawn = (
-        report_windows.correlation_histogram(image.windows.compared) + report_windows.colour_scale()
+        report_pictures.correlation_histogram(image.windows.compared)
+        + report_pictures.colour_scale()
     )
-    legend = report_marks.reason_key([(reason, 1) for reason in REASONS], MEANINGS)
+    legend = report_pictures.reason_key([(reason, 1) for reason in REASONS], MEANINGS)
     drawn += "".join(entry["symbol"] for entry in legend)
     used = {
         name for names in re.findall(r'class=["\']([^"\']*)["\']', drawn) for name in names.split()

@@ -1,19 +1,29 @@
-"""Terrain that the patches of neighbouring points share, and with it the errors of their matches.
+"""Errors that the matches of several points have in common: by terrain that neighbouring patches share,
+and by shadows below a cell.
 
 A match errs because the DEM and the brightness of its patch are not quite those of the ground. Two
 patches that overlap have part of these errors in common. Measured in simulated frames by an
-independent renderer (``benchmarks/claims.py positions``): the correlation of the errors, in sigmas,
+independent renderer (``benchmarks/evidence``): the correlation of the errors, in sigmas,
 is 0.8 to 1 times the share of the terrain that they have in common.
+
+Relief below a cell darkens the ground beyond crests, which a render from the cells' mean heights does
+not show; such a render is found away from the Sun. All points of a level err alike. The error falls
+with the Sun's elevation h as 1 - (h / `HIGHEST_RAD`)^2, as in renders of made relief that were averaged
+to cells (`shadow_shift.py` of c896266); its size at grazing light, in cells, is `errors.shadow_shift`
+of the build. How rough the ground is below a cell is not known, so it is an error and not a correction.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Index
+from ..cameras.sensor import Sensor, ground_slopes
 from ..catalog.catalogue import Catalog
 
 
@@ -78,3 +88,29 @@ def _pairs(places: Array, own: Index, wider: Index, reach: float) -> Index:
     second = wider[np.concatenate([np.array(one, np.int64) for one in lists])]
     new = (first < second) | ~np.isin(second, own)
     return np.stack([first[new], second[new]], axis=1)
+
+
+HIGHEST_RAD = math.radians(35.0)
+"""Elevation of the Sun from which on shadows below a cell shift nothing."""
+
+
+def shadow_shift_m(catalog: Catalog, rows: Index, sun_enu: ArrayLike) -> Array:
+    """1 sigma shifts (n, 2) east and north, metres, of points (rows (n,)) under Suns (n, 3), unit vectors
+    in the points' ENU frames. They are of one error: with that error all points move by their shift
+    times the same number.
+    """
+    sun = np.asarray(sun_enu, np.float64)
+    size = float(catalog.errors.get("shadow_shift", 0.0))
+    level = np.linalg.norm(sun[:, :2], axis=-1)
+    elevation = np.clip(np.arctan2(sun[:, 2], level), 0.0, HIGHEST_RAD)
+    cells = size * (1.0 - (elevation / HIGHEST_RAD) ** 2)
+    away = -sun[:, :2] / np.maximum(level, 1e-12)[:, None]
+    return np.asarray((cells * catalog.gsd[rows])[:, None] * away)
+
+
+def shadow_shift_px(catalog: Catalog, rows: Index, sensor: Sensor, suns: ArrayLike) -> Array:
+    """`shadow_shift_m` in the image (n, 2) of a sensor, pixels; ``suns`` (n, 3): unit MCMF vectors."""
+    rotation = catalog.rotation_mcmf_to_enu[rows]
+    shift = shadow_shift_m(catalog, rows, np.einsum("nij,nj->ni", rotation, np.asarray(suns)))
+    slope = ground_slopes(sensor, catalog.position_mcmf[rows], rotation)
+    return np.asarray(np.einsum("nij,nj->ni", slope, shift))
