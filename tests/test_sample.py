@@ -82,7 +82,7 @@ def test_the_version_stands_in_all_its_places() -> None:
 
 
 def test_the_image_tags_of_the_docs_are_of_this_version() -> None:
-    text = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "examples" / "lcp.yaml").read_text(encoding="utf-8")
     assert set(re.findall(r"/lcp:([\w.]+)", text)) == {lcp_catalog.__version__}
 
 
