@@ -4,42 +4,24 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .build_options import (
-    PartParam,
-    config_option,
-    configuration,
-    error_map_options,
-    level_options,
-    point_options,
-    sweep_options,
-)
+from .build_options import OPTIONS, PartParam, build_options
 from .files import FileCommand
+from .groups import collected
 from .messages import echo, log_format_option, say
-from .options import (
-    albedo_options,
-    dem_argument,
-    depfile_option,
-    model_options,
-    output_option,
-    overwrite_option,
-    product_order_option,
-    region_options,
-)
+from .options import dem_argument, depfile_option, output_option, overwrite_option
 from .value_types import POSITIVE
 
 if TYPE_CHECKING:
     from lcp_catalog.production.config import BuildConfig
-    from lcp_catalog.production.run import BuildReport
-
-Inputs: TypeAlias = "tuple[tuple[str, ...], BuildConfig, float | None]"
-"""What a build is planned from: DEM files, configuration, and memory of a worker in GB (`Build.plan`)."""
+    from lcp_catalog.production.run import Build, BuildReport
 
 EXIT_SOME_FAILED = 3
 JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))
@@ -49,29 +31,124 @@ _NAMES = 8
 """Greatest number of missing areas that are named for a part."""
 
 
+@dataclass(frozen=True)
+class Mode:
+    """What is done with the areas; by default all are computed and the catalogue is written."""
+
+    plan: bool
+    part: tuple[int, int] | None
+    list_parts: bool
+    merge: bool
+    as_json: bool
+
+    def __post_init__(self) -> None:
+        modes = {
+            "--plan": self.plan,
+            "--part": self.part,
+            "--list-parts": self.list_parts,
+            "--merge": self.merge,
+        }
+        if len(chosen := [name for name, value in modes.items() if value]) > 1:
+            raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
+        if self.as_json and not (self.plan or self.list_parts):
+            raise click.UsageError("--json needs --plan or --list-parts")
+
+
+@dataclass(frozen=True)
+class Run:
+    """How the areas are computed, which does not change the catalogue."""
+
+    jobs: int | None
+    scheduler: str | None
+    resume: bool
+    keep_going: bool
+    overwrite: bool
+
+    @property
+    def workers(self) -> int:
+        """Number of processes, by default that of the processor cores that this process may use, which a batch
+        system can limit.
+        """
+        if self.jobs is not None:
+            return self.jobs
+        limited = hasattr(os, "sched_getaffinity")
+        return len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
+
+
+mode_options = collected(
+    "mode",
+    Mode,
+    click.option(
+        "--part",
+        type=PartParam(),
+        metavar="K/N",
+        help="Compute only every Nth area from the Kth on, into CATALOG.h5.parts: one task of an array job on a shared disk. "
+        "Finished areas are kept. --merge writes the catalogue.",
+    ),
+    click.option(
+        "--list-parts",
+        is_flag=True,
+        help="Print which parts are finished and which areas are missing; nothing is computed.",
+    ),
+    click.option(
+        "--merge",
+        is_flag=True,
+        help="Write the catalogue from the areas that all parts have computed.",
+    ),
+    click.option(
+        "--plan",
+        "plan",
+        is_flag=True,
+        help="Print the number of areas and conditions, and estimates of time, file size and memory; with `lcp -v` also the "
+        "decisions of the scene plan. Two areas are computed for the estimates; nothing is written.",
+    ),
+    click.option(
+        "--json",
+        "as_json",
+        is_flag=True,
+        help="With --plan or --list-parts: print one JSON object.",
+    ),
+)
+
+run_options = collected(
+    "run",
+    Run,
+    click.option(
+        "--jobs",
+        "-j",
+        type=click.IntRange(1, JOBS_MAX),
+        metavar="N",
+        help="Number of areas computed at the same time; default: number of CPU cores that the process may use.",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS|FILE",
+        help="Compute the areas on the cluster of this dask scheduler: tcp://HOST:PORT, or its scheduler file.",
+    ),
+    click.option(
+        "--resume",
+        is_flag=True,
+        help="Continue an interrupted run: keep its finished areas. With --overwrite, those of a run with other inputs are "
+        "removed.",
+    ),
+    click.option(
+        "--keep-going",
+        is_flag=True,
+        help="If areas fail, write the catalogue without them (exit code 3).",
+    ),
+    overwrite_option,
+)
+
+
 @click.command(
     "build-catalog",
     cls=FileCommand,
     example="lcp build-catalog DEM.tif -o site.h5 --center 3.5 26 --size 60",
 )
 @dem_argument
-@product_order_option
 @output_option("CATALOG.h5", required=False)
-@config_option
-@region_options
-@level_options
-@sweep_options
-@model_options
-@albedo_options
-@error_map_options
-@point_options
-@click.option(
-    "--jobs",
-    "-j",
-    type=click.IntRange(1, JOBS_MAX),
-    metavar="N",
-    help="Number of areas computed at the same time; default: number of CPU cores that the process may use.",
-)
+@build_options(*OPTIONS)
+@run_options
 @click.option(
     "--memory",
     "memory_gb",
@@ -80,67 +157,17 @@ _NAMES = 8
     help="Greatest memory of each process that computes areas. Areas are made smaller for it, which changes the points near "
     "their borders; the catalogue states their size. Default: areas of at most 512 nodes a side.",
 )
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS|FILE",
-    help="Compute the areas on the cluster of this dask scheduler: tcp://HOST:PORT, or its scheduler file.",
-)
-@click.option(
-    "--part",
-    type=PartParam(),
-    metavar="K/N",
-    help="Compute only every Nth area from the Kth on, into CATALOG.h5.parts: one task of an array job on a shared disk. "
-    "Finished areas are kept. --merge writes the catalogue.",
-)
-@click.option(
-    "--list-parts",
-    is_flag=True,
-    help="Print which parts are finished and which areas are missing; nothing is computed.",
-)
-@click.option(
-    "--merge",
-    is_flag=True,
-    help="Write the catalogue from the areas that all parts have computed.",
-)
-@click.option(
-    "--plan",
-    "plan_only",
-    is_flag=True,
-    help="Print the number of areas and conditions, and estimates of time, file size and memory; with `lcp -v` also the "
-    "decisions of the scene plan. Two areas are computed for the estimates; nothing is written.",
-)
-@click.option(
-    "--json",
-    "as_json",
-    is_flag=True,
-    help="With --plan or --list-parts: print one JSON object.",
-)
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Continue an interrupted run: keep its finished areas. With --overwrite, those of a run with other inputs are "
-    "removed.",
-)
-@click.option(
-    "--keep-going",
-    is_flag=True,
-    help="If areas fail, write the catalogue without them (exit code 3).",
-)
-@overwrite_option
+@mode_options
 @depfile_option
 @log_format_option
 def command(
     dem: tuple[str, ...],
     output: str | None,
-    plan_only: bool,
-    as_json: bool,
-    jobs: int | None,
+    config: BuildConfig,
+    run: Run,
     memory_gb: float | None,
-    part: tuple[int, int] | None,
-    list_parts: bool,
-    merge: bool,
+    mode: Mode,
     depfile: str | None,
-    **given: Any,
 ) -> int:
     """Build a catalogue of control points from one or more DEM files.
 
@@ -148,31 +175,31 @@ def command(
     kept if they can be localised, are unique within the search radius, and do not depend on the relief around them.
     Without --center or --bounds the region is the whole DEM.
     """
-    modes = {"--plan": plan_only, "--part": part, "--list-parts": list_parts, "--merge": merge}
-    if len(chosen := [name for name, value in modes.items() if value]) > 1:
-        raise click.UsageError(f"{' and '.join(chosen)} exclude each other")
-    if as_json and not (plan_only or list_parts):
-        raise click.UsageError("--json needs --plan or --list-parts")
-    if output is None and not plan_only:
+    if output is None and not mode.plan:
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
-    run = {name: given.pop(name) for name in ("scheduler", "resume", "keep_going", "overwrite")}
-    config, workers = configuration(**given), jobs or _cores()
-    inputs = (dem, config, memory_gb)
-    if plan_only:
-        _print_plan(inputs, workers, run["scheduler"], as_json)
+    if mode.plan or output is None:
+        _print_plan(_planned(dem, config, memory_gb), run, mode.as_json)
         return 0
-    assert output is not None
-    if list_parts:
-        _print_parts(inputs, output, as_json)
+    if mode.list_parts:
+        _print_parts(_planned(dem, config, memory_gb), output, mode.as_json)
         return 0
-    if merge:
-        report = _merge(inputs, output, **run)
-    elif part is not None:
-        return _run_part(inputs, output, part, jobs=workers, **run)
+    if mode.merge:
+        from lcp_catalog.production.parts import merge_parts
+
+        report = merge_parts(
+            _planned(dem, config, memory_gb),
+            Path(output),
+            overwrite=run.overwrite,
+            keep_going=run.keep_going,
+        )
+    elif mode.part is not None:
+        return _run_part(dem, config, memory_gb, output, run, mode.part)
     else:
-        report = _build(inputs, output, jobs=workers, **run)
+        report = _build(dem, config, memory_gb, output, run)
     if depfile:
-        _write_depfile(depfile, output, report.files)
+        from lcp_catalog.atomic_files import depfile_rule, write_bytes
+
+        write_bytes(depfile, depfile_rule(output, report.files), overwrite=True)
     say(
         f"{output}: {report.points} control points from {report.areas} areas",
         "done",
@@ -182,9 +209,10 @@ def command(
     return _failures(report.failed)
 
 
-def _cores() -> int:
-    """Number of processor cores that this process may use, which a batch system can limit."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def _planned(dem: tuple[str, ...], config: BuildConfig, memory_gb: float | None) -> Build:
+    from lcp_catalog.production.run import Build
+
+    return Build.plan(dem, config, memory_gb)
 
 
 def _failures(failed: dict[str, str]) -> int:
@@ -195,80 +223,77 @@ def _failures(failed: dict[str, str]) -> int:
 
 
 @contextmanager
-def _workers(jobs: int, scheduler: str | None) -> Iterator[dict[str, Any]]:
-    """Options of a computation of areas: its processes, which are prepared while this one imports the
-    build and plans it, and its progress.
+def _computing(run: Run) -> Iterator[Callable[[int, int], None]]:
+    """Show the progress of a computation of areas; its processes are prepared while this one imports the build
+    and plans it.
     """
     from lcp_catalog.production.executor import start_early
 
     from .progress import progress
 
-    if jobs > 1 and not scheduler:
+    if run.workers > 1 and not run.scheduler:
         start_early()
     try:
         with progress("areas") as update:
-            yield {"jobs": jobs, "scheduler": scheduler, "progress": update}
+            yield update
     except KeyboardInterrupt:
         say("finished areas are kept: run again with --resume")
         raise
 
 
 def _build(
-    inputs: Inputs,
-    output: str,
-    jobs: int,
-    scheduler: str | None,
-    **options: bool,
+    dem: tuple[str, ...], config: BuildConfig, memory_gb: float | None, output: str, run: Run
 ) -> BuildReport:
-    with _workers(jobs, scheduler) as engine:
-        from lcp_catalog.production.run import build_catalog
+    with _computing(run) as update:
+        from lcp_catalog.production.public import build_catalog
 
-        dem, config, memory_gb = inputs
-        return build_catalog(dem, config, output, memory_gb=memory_gb, **engine, **options)
+        return build_catalog(
+            dem,
+            output,
+            config=config,
+            jobs=run.workers,
+            memory_gb=memory_gb,
+            scheduler=run.scheduler,
+            resume=run.resume,
+            overwrite=run.overwrite,
+            keep_going=run.keep_going,
+            progress=update,
+        )
 
 
 def _run_part(
-    inputs: Inputs,
+    dem: tuple[str, ...],
+    config: BuildConfig,
+    memory_gb: float | None,
     output: str,
+    run: Run,
     number: tuple[int, int],
-    jobs: int,
-    scheduler: str | None,
-    overwrite: bool,
-    keep_going: bool,
-    resume: bool,
 ) -> int:
-    """Compute a part; finished areas are kept with and without ``resume``."""
-    with _workers(jobs, scheduler) as engine:
+    """Compute a part; finished areas are kept with and without ``--resume``."""
+    with _computing(run) as update:
         from lcp_catalog.production.parts import BuildPart, run_part
-        from lcp_catalog.production.run import Build
 
-        build, part = Build.plan(*inputs), BuildPart(*number)
-        options = {"overwrite": overwrite, "keep_going": keep_going}
-        failed = run_part(build, Path(output), part, **engine, **options)
+        part = BuildPart(*number)
+        build = _planned(dem, config, memory_gb)
+        failed = run_part(
+            build,
+            Path(output),
+            part,
+            jobs=run.workers,
+            scheduler=run.scheduler,
+            overwrite=run.overwrite,
+            keep_going=run.keep_going,
+            progress=update,
+        )
     areas = len(part.share(build.jobs)) - len(failed)
     say(f"{output}.parts: part {part} with {areas} areas is computed", "done", areas=areas)
     return _failures(failed)
 
 
-def _merge(
-    inputs: Inputs,
-    output: str,
-    overwrite: bool,
-    keep_going: bool,
-    **unused: Any,
-) -> BuildReport:
-    from lcp_catalog.production.parts import merge_parts
-    from lcp_catalog.production.run import Build
-
-    build = Build.plan(*inputs)
-    return merge_parts(build, Path(output), overwrite=overwrite, keep_going=keep_going)
-
-
-def _print_parts(inputs: Inputs, output: str, as_json: bool) -> None:
+def _print_parts(build: Build, output: str, as_json: bool) -> None:
     from lcp_catalog.production.parts import list_parts
-    from lcp_catalog.production.run import Build
 
-    states = list_parts(Build.plan(*inputs), Path(output))
+    states = list_parts(build, Path(output))
     rows = [
         {"part": str(state.part), "areas": state.areas, "missing": list(state.missing)}
         for state in states
@@ -285,11 +310,11 @@ def _print_parts(inputs: Inputs, output: str, as_json: bool) -> None:
     echo(f"{areas - missing} of {areas} areas are computed")
 
 
-def _print_plan(inputs: Inputs, workers: int, scheduler: str | None, as_json: bool) -> None:
+def _print_plan(build: Build, run: Run, as_json: bool) -> None:
     from lcp_catalog.production.estimate import estimate
-    from lcp_catalog.production.run import Build
 
-    document = estimate(Build.plan(*inputs), workers, cluster=scheduler is not None)
+    workers = run.workers
+    document = estimate(build, workers, cluster=run.scheduler is not None)
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return
@@ -317,9 +342,3 @@ def _plan_text(plan: dict[str, Any], workers: int) -> str:
         f"{plan['bytes_estimate'] / 1e6:,.1f} MB of catalogue, {plan['memory_mb_per_worker']:,} MB of memory a job, "
         f"{plan['memory_mb_parent']:,} MB to merge"
     )
-
-
-def _write_depfile(depfile: str, output: str, files: tuple[Path, ...]) -> None:
-    from lcp_catalog.atomic_files import depfile_rule, write_bytes
-
-    write_bytes(depfile, depfile_rule(output, files), overwrite=True)

@@ -1,18 +1,27 @@
-"""Options that describe a build, for every command that plans one, and the configuration they make."""
+"""Options made from the fields of a build's configuration: `production.config` states what each means, its
+range, choices and default; here stand only the option's name and how it is typed.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
 
-from .files import InputFile, config_files
-from .options import RASTER, check_accuracy, check_albedo, check_area, option_group
-from .value_types import POSITIVE, Number
+from lcp_catalog.errors import NAMED
+from lcp_catalog.fields import Meaning, meanings
+from lcp_catalog.production.config import BuildConfig
+
+from .files import RASTER, InputFile, config_files
+from .groups import Command, Decorator, collected, options_of
+from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number
+
+if TYPE_CHECKING:
+    from lcp_catalog.production.config import ModelConfig
 
 NUMBERS_MAX = 3600
 """Most numbers of a list START:STOP:STEP: a tenth of a degree around the horizon."""
@@ -90,247 +99,181 @@ class PartParam(click.ParamType):
         return int(found[1]), int(found[2])
 
 
-config_option = click.option(
-    "--config",
-    "config_path",
-    type=InputFile(config_files),
-    metavar="BUILD.toml",
-    help="Configuration of the build; options of the command line replace its values. Default: every value its default.",
-)
+@dataclass(frozen=True)
+class Spelling:
+    """How a field is typed on the command line. ``kind``: None for that of the field's type."""
 
-sweep_options = option_group(
-    click.option(
-        "--sun-azimuths",
-        type=NumberList(),
-        metavar="LIST",
-        help="Azimuths of the Sun, degrees: A,B,C or START:STOP:STEP; default: 0:345:15.",
-    ),
-    click.option(
-        "--sun-elevations",
-        type=NumberList(),
-        metavar="LIST",
-        help="Elevations of the Sun, degrees: A,B,C or START:STOP:STEP; default: 4,5,10,15,20,30,45,60,75, and "
-        "0.5,1,1.5,2,3 for a region that reaches beyond 81.9 degrees of latitude, where the Sun stays below 10.",
-    ),
-    click.option(
+    flag: str
+    metavar: str | None = None
+    kind: click.ParamType | None = None
+
+
+NUMBERS = NumberList()
+
+OPTIONS = {
+    "area.center_deg": Spelling("--center", "LON LAT", PLACE),
+    "area.size_km": Spelling("--size", "KM"),
+    "area.bounds_deg": Spelling("--bounds", "W S E N", AREA_BOUNDS),
+    "area.gsd_m": Spelling("--gsd", "M"),
+    "area.levels_m": Spelling("--levels", "M,M,...", NUMBERS),
+    "area.altitudes_km": Spelling("--altitudes", "KM-KM", Altitudes()),
+    "area.ifov_rad": Spelling("--ifov", "RAD"),
+    "dem.product_order": Spelling("--product-order", "NAME,NAME...", Names()),
+    "dem.sigma_map": Spelling("--dem-sigma", "MAP", RASTER),
+    "dem.resolution_map": Spelling("--dem-resolution", "MAP", RASTER),
+    "sun.azimuths_deg": Spelling("--sun-azimuths", "LIST", NUMBERS),
+    "sun.elevations_deg": Spelling("--sun-elevations", "LIST", NUMBERS),
+    "points.spacing_m": Spelling("--spacing", "KM"),
+    "points.per_view": Spelling("--per-view", "N"),
+    "points.footprint_km": Spelling("--footprint", "KM"),
+    "points.max_points": Spelling("--max-points", "N"),
+    "points.max_bytes": Spelling("--max-bytes", "N"),
+    "points.search_m": Spelling("--search", "KM"),
+    "model.reflectance": Spelling("--reflectance", None, LAW),
+    "model.accuracy": Spelling("--accuracy"),
+    "model.tolerance": Spelling("--tolerance", "T"),
+    "model.albedo": Spelling("--albedo", "MAP", RASTER),
+    "model.albedo_encoding": Spelling("--albedo-encoding"),
+    "model.albedo_reference": Spelling("--albedo-reference", "V"),
+    "errors.sensor_noise": Spelling("--noise", "SHARE"),
+}
+"""The options by the fields that they set."""
+
+VIEWS = ("view.off_nadir_deg", "view.azimuth_deg", "view.altitude_km")
+"""Fields of ``--view``, in the order of its parts."""
+
+KEYS = {name.partition(".")[2]: name for name in OPTIONS}
+"""Fields by the names of the options' values: a field's own name, without its section."""
+
+
+class FieldOption(click.Option):
+    """An option that sets ``fields`` of the configuration; its value times ``factor`` is the field's."""
+
+    fields: tuple[str, ...] = ()
+    factor: float = 1.0
+
+    def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
+        found = super().type_cast_value(ctx, value)
+        return found if self.factor == 1.0 or found is None else self.factor * found
+
+
+def field_option(name: str, default_words: str | None = None, **settings: Any) -> Decorator:
+    """The option of a field, ``section.key``; its value has the name ``key`` and the field's unit. ``default_words``:
+    the default, where a command has its own; ``settings``: those of click that differ.
+    """
+    section, _, key = name.partition(".")
+    kind = get_type_hints(BuildConfig)[section]
+    meaning, spelling = meanings(kind)[key], OPTIONS[name]
+    factor = 1e3 if spelling.metavar == "KM" and key.endswith("_m") else 1.0
+    own = next(one.default for one in fields(kind) if one.name == key)
+    words = default_words or meaning.default or (f"{own:g}" if isinstance(own, float) else "")
+    lists = " A,B,C or START:STOP:STEP." if section == "sun" else ""
+    text = f"{meaning.text}{lists}" + (f" Default: {words}." if words else "")
+    facts: dict[str, Any] = {
+        "type": spelling.kind or _type(get_type_hints(kind)[key], meaning, factor),
+        "metavar": spelling.metavar,
+        "help": NAMED.sub(lambda found: OPTIONS[found[1]].flag, text),
+    }
+
+    def decorate(command: Command) -> Command:
+        made = click.option(spelling.flag, key, cls=FieldOption, **(facts | settings))(command)
+        option = options_of(made)[-1]
+        assert isinstance(option, FieldOption)
+        option.fields, option.factor = (name,), factor
+        return made
+
+    return decorate
+
+
+def _type(hint: object, meaning: Meaning, factor: float) -> click.ParamType:
+    """Type of an option for a field's type and range."""
+    if meaning.choices:
+        return click.Choice(meaning.choices)
+    low = meaning.least if meaning.above is None else meaning.above
+    below = None if meaning.below == math.inf else meaning.below
+    high = meaning.most if below is None else below
+    if "int" in str(hint):
+        return click.IntRange(
+            None if low is None else int(low), None if high is None else int(high)
+        )
+    least, most = (None if v is None else _short(v / factor) for v in (low, high))
+    return Number(least, most, min_open=meaning.above is not None, max_open=below is not None)
+
+
+def _short(value: float) -> float:
+    """A number that a help shows without a decimal point where it has no decimals."""
+    return int(value) if value == int(value) else value
+
+
+def _view_option(command: Command) -> Command:
+    made = click.option(
         "--view",
         "views",
+        cls=FieldOption,
         type=ViewParam(),
         multiple=True,
         metavar="OFF:AZ[:KM]",
-        help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). Repeat "
-        "for more views. Default: 0, and 30 degrees from four azimuths.",
-    ),
-)
-
-level_options = option_group(
-    click.option(
-        "--levels",
-        "levels_m",
-        type=NumberList(),
-        metavar="M,M,...",
-        help="Several cell sizes in one catalogue, metres, at most a factor of 2 apart. Each has points only where a DEM "
-        "resolves it; default: one cell size, --gsd.",
-    ),
-    click.option(
-        "--altitudes",
-        "altitudes_km",
-        type=Altitudes(),
-        metavar="KM-KM",
-        help="Cell sizes for a camera at these altitudes: the size of its pixel (--ifov) on the ground, from the lowest to the "
-        "highest, without those that no DEM resolves.",
-    ),
-    click.option(
-        "--ifov",
-        "ifov_rad",
-        type=Number(0, 1, min_open=True),
-        metavar="RAD",
-        help="With --altitudes: angle of a pixel of the camera, radians.",
-    ),
-)
-
-point_options = option_group(
-    click.option(
-        "--spacing",
-        "spacing_km",
-        type=POSITIVE,
-        metavar="KM",
-        help="Least distance between two points, which are then spread evenly (unless --per-view is given, too). "
-        "Default: as --per-view asks for, at least half a patch.",
-    ),
-    click.option(
-        "--per-view",
-        type=click.IntRange(0, 200),
-        metavar="N",
-        help="Usable points that every camera's footprint in the region is promised under every Sun and view that can "
-        "happen; the fewest points are chosen that keep it. 0: points are spread evenly. Default: 8, with --spacing 0.",
-    ),
-    click.option(
-        "--footprint",
-        "footprint_km",
-        type=POSITIVE,
-        metavar="KM",
-        help="Diameter of the ground that a camera sees; default: 1024 cells, at most the shorter side of the region.",
-    ),
-    click.option(
-        "--max-points",
-        type=click.IntRange(min=1),
-        metavar="N",
-        help="Most points: the catalogue of this size that does most for the promise; default: no limit.",
-    ),
-    click.option(
-        "--max-bytes",
-        type=click.IntRange(min=1),
-        metavar="N",
-        help="The same by the estimated size of the file, bytes; default: no limit.",
-    ),
-    click.option(
-        "--search",
-        "search_km",
-        type=POSITIVE,
-        metavar="KM",
-        help="Radius within which a point must be unique, at least half a patch; default: 64 cells, at most 8 km.",
-    ),
-    click.option(
-        "--noise",
-        "sensor_noise",
-        type=Number(0, 1, min_open=True, max_open=True),
-        metavar="SHARE",
-        help="Noise of an image's pixel, 1 sigma, as a share of the mean signal; default: 0.07.",
-    ),
-)
+        help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). "
+        "Repeat for more views. Default: 0, and 30 degrees from four azimuths.",
+    )(command)
+    option = options_of(made)[-1]
+    assert isinstance(option, FieldOption)
+    option.fields = VIEWS
+    return made
 
 
-error_map_options = option_group(
-    click.option(
-        "--dem-sigma",
-        "sigma_map",
-        type=RASTER,
-        metavar="MAP",
-        help="Map of the 1 sigma of the DEM's heights, metres: a raster in a lunar CRS (an _ERR layer). Without it, and "
-        "where it has no value: the figure of the DEM's product.",
-    ),
-    click.option(
-        "--dem-resolution",
-        "resolution_map",
-        type=RASTER,
-        metavar="MAP",
-        help="Map of the DEM's effective resolution, metres: a raster in a lunar CRS (an _EFFRES layer). Without it, and "
-        "where it has no value: estimated from the heights of each DEM.",
-    ),
-)
+def build_options(*fields_set: str) -> Decorator:
+    """Options of a build, which a command gets as ``config``, a BuildConfig: ``--config``, ``--view``, and those of
+    fields.
+    """
+    names = ["config_path", "views", *(name.partition(".")[2] for name in fields_set)]
+    config_option: Decorator = click.option(
+        "--config",
+        "config_path",
+        type=InputFile(config_files),
+        metavar="BUILD.toml",
+        help="Configuration of the build; options of the command line replace its values. Default: every value its "
+        "default.",
+    )
+    options = [config_option, _view_option, *map(field_option, fields_set)]
+    return collected("config", configuration, *options, names=names)
 
 
 def configuration(
-    config_path: str | None,
-    center: tuple[float, float] | None,
-    size_km: float | None,
-    bounds: tuple[float, ...] | None,
-    gsd_m: float | None,
-    sun_azimuths: tuple[float, ...] | None,
-    sun_elevations: tuple[float, ...] | None,
-    views: tuple[tuple[float, ...], ...],
-    spacing_km: float | None,
-    per_view: int | None,
-    footprint_km: float | None,
-    max_points: int | None,
-    max_bytes: int | None,
-    search_km: float | None,
-    sensor_noise: float | None,
-    reflectance: str | None,
-    accuracy: str | None = None,
-    tolerance: float | None = None,
-    product_order: tuple[str, ...] | None = None,
-    albedo_path: str | None = None,
-    albedo_encoding: str | None = None,
-    albedo_reference: float | None = None,
-    sigma_map: str | None = None,
-    resolution_map: str | None = None,
-    levels_m: tuple[float, ...] | None = None,
-    altitudes_km: tuple[float, ...] | None = None,
-    ifov_rad: float | None = None,
-) -> Any:
-    """The ``BuildConfig`` of the file, with the values of the options. UsageError for contradictory options."""
-    from lcp_catalog.production.config import BuildConfig
-
-    check_area(center, size_km, bounds)
-    _check_cells(gsd_m, levels_m, altitudes_km, ifov_rad)
-    check_accuracy(accuracy, tolerance)
+    config_path: str | None, views: tuple[tuple[float, ...], ...], **given: object
+) -> BuildConfig:
+    """The configuration of the file with the values of the options. ConfigError for values that contradict each
+    other.
+    """
     config = BuildConfig.from_toml(Path(config_path)) if config_path else BuildConfig()
-    check_albedo(albedo_path or config.model.albedo, albedo_encoding, albedo_reference)
-    if albedo_path:  # the file's encoding and reference belong to its own map
-        config = dataclasses.replace(config, model=config.model.without_albedo)
-    area: dict[str, Any] = {}
-    if center or bounds:
-        area = {
-            "center_deg": tuple(center or ()),
-            "size_km": size_km,
-            "bounds_deg": tuple(bounds or ()),
-        }
-    if gsd_m or levels_m or altitudes_km:  # they replace the file's
-        area |= {
-            "gsd_m": gsd_m,
-            "levels_m": levels_m or (),
-            "altitudes_km": altitudes_km or (),
-            "ifov_rad": ifov_rad,
-        }
-    columns = list(zip(*views, strict=True))
-    return dataclasses.replace(
-        config,
-        area=dataclasses.replace(config.area, **area),
-        dem=_over(
-            config.dem,
-            product_order=product_order,
-            sigma_map=sigma_map,
-            resolution_map=resolution_map,
-        ),
-        sun=_over(config.sun, azimuths_deg=sun_azimuths, elevations_deg=sun_elevations),
-        view=_over(
-            config.view,
-            **dict(zip(("off_nadir_deg", "azimuth_deg", "altitude_km"), columns, strict=False)),
-        ),
-        points=_over(
-            config.points,
-            spacing_m=spacing_km and spacing_km * 1e3,
-            per_view=per_view,
-            footprint_km=footprint_km,
-            max_points=max_points,
-            max_bytes=max_bytes,
-            search_m=search_km and search_km * 1e3,
-        ),
-        errors=_over(config.errors, sensor_noise=sensor_noise),
-        model=_over(
-            _undecided(config.model) if accuracy or tolerance is not None else config.model,
-            reflectance=reflectance,
-            accuracy=accuracy,
-            tolerance=tolerance,
-            albedo=albedo_path,
-            albedo_encoding=albedo_encoding,
-            albedo_reference=albedo_reference,
-        ),
+    values = {KEYS[key]: value for key, value in given.items() if value is not None}
+    values |= dict(zip(VIEWS, zip(*views, strict=True), strict=False))
+    return config.replaced(values)
+
+
+def model_config(
+    reflectance: str | None,
+    accuracy: str | None,
+    tolerance: float | None,
+    albedo: str | None,
+    albedo_encoding: str | None,
+    albedo_reference: float | None,
+) -> ModelConfig:
+    """The model of a single image. ConfigError for values that contradict each other."""
+    from lcp_catalog.choices import AUTO_LAW
+    from lcp_catalog.production.config import ModelConfig
+
+    return ModelConfig(
+        reflectance or AUTO_LAW, albedo, albedo_encoding, albedo_reference, accuracy, tolerance
     )
 
 
-def _check_cells(
-    gsd_m: float | None,
-    levels_m: tuple[float, ...] | None,
-    altitudes_km: tuple[float, ...] | None,
-    ifov_rad: float | None,
-) -> None:
-    """UsageError for options that state the cells twice, or half."""
-    given = {"--gsd": gsd_m, "--levels": levels_m, "--altitudes": altitudes_km}
-    if len(names := [name for name, value in given.items() if value]) > 1:
-        raise click.UsageError(f"{' and '.join(names)} exclude each other")
-    if (altitudes_km is None) != (ifov_rad is None):
-        raise click.UsageError("--altitudes and --ifov go together")
+AREA = ("area.center_deg", "area.size_km", "area.bounds_deg", "area.gsd_m")
+SWEEP = ("sun.azimuths_deg", "sun.elevations_deg")
+POINTS = (*(name for name in OPTIONS if name.startswith("points.")), "errors.sensor_noise")
+ACCURACY = ("model.accuracy", "model.tolerance")
+ALBEDO = ("model.albedo", "model.albedo_encoding", "model.albedo_reference")
+MODEL = ("model.reflectance", *ACCURACY, *ALBEDO)
 
-
-def _undecided(model: Any) -> Any:
-    """The file's model without tier and tolerance: an option for one of them replaces both."""
-    return dataclasses.replace(model, accuracy=None, tolerance=None)
-
-
-def _over(section: Any, **values: Any) -> Any:
-    """A section with the values that were given."""
-    given = {name: value for name, value in values.items() if value is not None}
-    return dataclasses.replace(section, **given) if given else section
+model_options = collected("model", model_config, *map(field_option, MODEL))
+"""Reflectance, accuracy and albedo of a single image, which a command gets as ``model``."""

@@ -1,24 +1,68 @@
-"""Options about an environment map as the light, the same in every command that has them, and checks of
-their combinations.
-"""
+"""Options about an environment map as the light, the same in every command that has them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import click
 
-from .options import RASTER, option_group
+from .files import RASTER
+from .groups import collected
 from .value_types import AZIMUTH, POSITIVE, SUN_SKY_RATIO
 
 if TYPE_CHECKING:
     from lcp_catalog.light.environment import Environment
+    from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.light.sun_sky_ratio import RatioChoice
 
-environment_options = option_group(
+
+@dataclass(frozen=True)
+class EnvironmentOptions:
+    """An environment map, and how its sources are found; no map without ``environment``."""
+
+    environment: str | None
+    environment_azimuth: float | None
+    environment_sources: tuple[float, float, float] | None
+    sun_sky_ratio: RatioChoice | Literal["found"]
+
+    def __post_init__(self) -> None:
+        for name in ("environment_azimuth", "environment_sources", "sun_sky_ratio"):
+            if self.environment is None and getattr(self, name) is not None:
+                raise click.UsageError(f"--{name.replace('_', '-')} needs --environment PANORAMA")
+
+    def check_sun(self, sun: SunChoice, disc: bool | None) -> None:
+        """Raise a usage error for a map beside a Sun."""
+        if self.environment is not None and (sun.is_stated or disc is not None):
+            raise click.UsageError(
+                "--environment replaces the Sun: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar and "
+                "--sun"
+            )
+
+    def open(self) -> Environment | None:
+        """The map; None without one."""
+        if self.environment is None:
+            return None
+        from lcp_catalog.light.environment import Environment
+        from lcp_catalog.light.environment_sources import SourceSearch
+
+        search = (
+            None if self.environment_sources is None else SourceSearch(*self.environment_sources)
+        )
+        ratio = "auto" if self.sun_sky_ratio is None else self.sun_sky_ratio
+        return Environment.open(
+            self.environment,
+            self.environment_azimuth or 0.0,
+            search,
+            None if ratio == "found" else ratio,
+        )
+
+
+environment_options = collected(
+    "light",
+    EnvironmentOptions,
     click.option(
         "--environment",
-        "environment_path",
         type=RASTER,
         metavar="PANORAMA",
         help="Light the scene with an environment map instead of the Sun: an equirectangular image of all directions "
@@ -32,7 +76,6 @@ environment_options = option_group(
     ),
     click.option(
         "--environment-sources",
-        nargs=3,
         type=click.Tuple([POSITIVE] * 3),
         metavar="T R M",
         help="Bright sources in the environment map: peak above T times the mean of its 45 x 45 deg segment, pixels "
@@ -47,33 +90,4 @@ environment_options = option_group(
         "luminance is cut off; default: auto.",
     ),
 )
-
-_HOW = ("environment_azimuth", "environment_sources", "sun_sky_ratio")
-
-
-def check_environment(flags: Mapping[str, Any], sun_stated: bool) -> None:
-    """Raise a usage error for an environment map beside a Sun, and for options about one without it."""
-    stated = flags["environment_path"] is not None
-    if stated and (sun_stated or flags.get("sun_model") is not None):
-        raise click.UsageError(
-            "--environment replaces the Sun: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar and --sun"
-        )
-    for name in _HOW:
-        if not stated and flags[name] is not None:
-            raise click.UsageError(f"--{name.replace('_', '-')} needs --environment PANORAMA")
-
-
-def environment(flags: Mapping[str, Any]) -> Environment | None:
-    """The environment map of the options; None without one."""
-    if flags["environment_path"] is None:
-        return None
-    from lcp_catalog.light.environment import Environment
-    from lcp_catalog.light.environment_sources import SourceSearch
-
-    ratio = flags["sun_sky_ratio"] or "auto"
-    return Environment.open(
-        flags["environment_path"],
-        flags["environment_azimuth"] or 0.0,
-        SourceSearch(*(flags["environment_sources"] or ())),
-        None if ratio == "found" else ratio,
-    )
+"""The environment map, which a command gets as ``light``."""

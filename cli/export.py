@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 from lcp_catalog.choices import EXPORTS, FRAMES
 
 from . import options
+from .build_options import field_option
 from .files import FileCommand
 from .messages import say
-from .value_types import AZIMUTH, LATITUDE, LONGITUDE, Number
+from .value_types import AZIMUTH, Number
 
 
 @click.command(
@@ -26,11 +25,8 @@ from .value_types import AZIMUTH, LATITUDE, LONGITUDE, Number
     show_default=True,
     help="Moon-fixed frame of the output: mean Earth (DE421), or principal axes (DE440).",
 )
-@click.option(
-    "--bounds",
-    nargs=4,
-    type=click.Tuple([LONGITUDE, LATITUDE] * 2),
-    metavar="W S E N",
+@field_option(
+    "area.bounds_deg",
     help="Only points within these limits, degrees (MOON_ME); may cross the antimeridian; default: all.",
 )
 @click.option(
@@ -52,7 +48,16 @@ from .value_types import AZIMUTH, LATITUDE, LONGITUDE, Number
     help="For .lmk: elevation of the Sun at every point.",
 )
 @options.overwrite_option
-def command(catalog: str, output: str, overwrite: bool, **flags: Any) -> None:
+def command(
+    catalog: str,
+    output: str,
+    frame: str,
+    bounds_deg: tuple[float, float, float, float] | None,
+    level: int | None,
+    sun_azimuth: float | None,
+    sun_elevation: float | None,
+    overwrite: bool,
+) -> None:
     """Write a catalogue's points in the format of the output's ending.
 
     \b
@@ -65,20 +70,18 @@ def command(catalog: str, output: str, overwrite: bool, **flags: Any) -> None:
 
     .parquet, .geojson and .gpkg need the extra gis, .bds the extra spice: pip install 'lcp-catalog[gis,spice]'
     """
-    options.check_area(None, None, flags["bounds"])
-    sun = (flags["sun_azimuth"], flags["sun_elevation"])
-    options.check_sun(*sun, None, None)
-
     from lcp_catalog.exports.export import export
+    from lcp_catalog.production.config import AreaConfig
 
+    AreaConfig(bounds_deg=bounds_deg or ())  # refuses limits that are no area
     count = export(
         catalog,
         output,
-        frame=flags["frame"],
-        bounds=flags["bounds"],
-        level=flags["level"],
-        sun_azimuth_deg=sun[0],
-        sun_elevation_deg=sun[1],
+        frame=frame,
+        bounds=bounds_deg,
+        level=level,
+        sun_azimuth_deg=sun_azimuth,
+        sun_elevation_deg=sun_elevation,
         overwrite=overwrite,
     )
-    say(f"{output}: {count} points written, {flags['frame']}")
+    say(f"{output}: {count} points written, {frame}")

@@ -23,7 +23,9 @@ def exit_code_of(error: BaseException) -> int:
         if is_json():
             say(error.format_message(), "error", exit_code=error.exit_code)
         else:
-            error.message = printable(error.message)
+            object.__setattr__(
+                error, "message", printable(error.message)
+            )  # a file name can hold anything
             error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):

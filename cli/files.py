@@ -262,3 +262,7 @@ def config_files(path: str) -> Iterator[Path]:
         yield from BuildConfig.from_toml(Path(path)).files
     except ConfigError:
         return
+
+
+RASTER = InputFile(raster_files)
+"""A DEM, an image or a map."""

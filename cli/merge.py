@@ -26,11 +26,11 @@ def command(catalogs: tuple[str, ...], output: str, overwrite: bool) -> None:
     with more usable conditions is kept, as in a build. The catalogues must have the same Suns, views, image scales, patch
     sizes and errors. Their order does not change the output.
     """
-    from lcp_catalog.production.merging import merge_catalogs
+    from lcp_catalog.production.public import merge
 
     if len(catalogs) < 2:
         raise click.UsageError("name at least two catalogues")
-    done = merge_catalogs(catalogs, output, overwrite)
+    done = merge(catalogs, output, overwrite=overwrite)
     cells = ", ".join(" and ".join(f"{size:.5g}" for size in sizes) for sizes in done.levels_m)
     say(
         f"{output}: {done.points} points of {sum(done.inputs)} in {len(done.inputs)} catalogue{'s' * (len(done.inputs) != 1)} "

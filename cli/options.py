@@ -1,58 +1,26 @@
-"""Options that several commands share, as decorators, and checks of their combinations.
-
-A group passes the parsed values to the command as keyword arguments. No file is read here.
-"""
+"""Options that several commands share, as decorators. No file is read here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from lcp_catalog.accuracy import TIERS
-from lcp_catalog.choices import ENCODINGS, REFLECTANCE_MODELS
+from .build_options import field_option
+from .files import DEPFILE_HELP, RASTER, Files, InputFile, OutputFile
+from .groups import Decorator, collected, option_group
+from .names import in_options
+from .value_types import AZIMUTH, PLACE, Instant, Number
 
-from .files import DEPFILE_HELP, Files, InputFile, OutputFile, raster_files
-from .value_types import (
-    AZIMUTH,
-    CELL_SIZE,
-    LATITUDE,
-    LAW,
-    LONGITUDE,
-    POSITIVE,
-    Instant,
-    Names,
-    Number,
-)
+if TYPE_CHECKING:
+    from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.production.config import ModelConfig
 
-Command = Callable[..., Any]
+Map = TypeVar("Map")
 
-REFLECTANCE_HELP = (
-    f"Reflectance model of the surface (law): {', '.join(REFLECTANCE_MODELS)}; some take a parameter set, like "
-    "hapke:wac-643-mare or minnaert:0.7. Default: auto, chosen by the phase angles of the scene."
-)
-
-
-def option_group(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    def decorate(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return decorate
-
-
-product_order_option = click.option(
-    "--product-order",
-    type=Names(),
-    metavar="NAME,NAME...",
-    help="Order of precedence where DEMs overlap: product names, product families or file names. Default: products made "
-    "for the latitude first, then finer pixels, then the order of the arguments.",
-)
-
-RASTER = InputFile(raster_files)
-"""A DEM, an image or a map."""
+product_order_option = field_option("dem.product_order")
 
 dem_argument = click.argument("dem", nargs=-1, required=True, type=RASTER, metavar="DEM...")
 
@@ -61,46 +29,34 @@ dem_argument_or_none = click.argument("dem", nargs=-1, type=RASTER, metavar="[DE
 catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=InputFile())
 
 
-def _area_group(area: str, cell: str) -> Callable[[Command], Command]:
-    """The options of an area. ``area``, ``cell``: its default, and that of the cell size, in words."""
-    return option_group(
-        click.option(
-            "--center",
-            nargs=2,
-            type=click.Tuple([LONGITUDE, LATITUDE]),
-            metavar="LON LAT",
-            help=f"Centre of the area, degrees; needs --size. Default area: {area}.",
-        ),
-        click.option(
-            "--size", "size_km", type=POSITIVE, metavar="KM", help="Side length of the square area."
-        ),
-        click.option(
-            "--bounds",
-            nargs=4,
-            type=click.Tuple([LONGITUDE, LATITUDE] * 2),
-            metavar="W S E N",
-            help="Western, southern, eastern and northern limit of the area, degrees; may cross the antimeridian. "
-            "Default: as of --center.",
-        ),
-        click.option(
-            "--gsd",
-            "gsd_m",
-            type=CELL_SIZE,
-            metavar="M",
-            help=f"Cell size; default: {cell}.",
-        ),
-    )
-
-
-area_options = _area_group("what the camera sees, else the whole DEM", "that of the DEM")
+area_options = option_group(
+    field_option("area.center_deg", "what the camera sees, else the whole DEM"),
+    field_option("area.size_km"),
+    field_option("area.bounds_deg"),
+    field_option("area.gsd_m", "that of the DEM"),
+)
 """Area of a render."""
 
-region_options = _area_group(
-    "the whole DEM", "about half of what the DEM resolves, at least its own"
-)
-"""Area of a build."""
 
-sun_angle_options = option_group(
+def sun_choice(
+    sun_azimuth: float | None,
+    sun_elevation: float | None,
+    time_utc: str | None,
+    subsolar: tuple[float, float] | None,
+) -> SunChoice:
+    """The Sun of the options. Usage error for several statements or half of one."""
+    from lcp_catalog.errors import SunError
+    from lcp_catalog.light.sun_choice import SunChoice
+
+    try:
+        return SunChoice(sun_azimuth, sun_elevation, time_utc, subsolar)
+    except SunError as error:
+        raise click.UsageError(in_options(str(error))) from error
+
+
+sun_angle_options = collected(
+    "sun",
+    sun_choice,
     click.option(
         "--sun-azimuth",
         type=AZIMUTH,
@@ -122,80 +78,22 @@ sun_angle_options = option_group(
     ),
     click.option(
         "--subsolar",
-        nargs=2,
-        type=click.Tuple([LONGITUDE, LATITUDE]),
+        type=PLACE,
         metavar="LON LAT",
         help="Subsolar point, degrees: the place where the Sun is at the zenith.",
     ),
 )
+"""The Sun, which a command gets as ``sun``, a SunChoice."""
 
-sun_options = option_group(
-    sun_angle_options,
-    click.option(
-        "--sun",
-        "sun_model",
-        type=click.Choice(["point", "disc"]),
-        default=None,
-        help="Model of the Sun: point source or extended disc; default: point in the tiers draft and standard, disc in "
-        "high and reference.",
-    ),
+disc_option = click.option(
+    "--sun",
+    "disc",
+    type=click.Choice(["point", "disc"]),
+    callback=lambda context, option, value: None if value is None else value == "disc",
+    help="Model of the Sun: point source or extended disc; default: point in the tiers draft and standard, disc in "
+    "high and reference.",
 )
-
-accuracy_options = option_group(
-    click.option(
-        "--accuracy",
-        type=click.Choice(list(TIERS)),
-        default=None,
-        help="Accuracy tier, by the permitted share of nodes with a wrong shadow: draft 0.5 %, standard 0.02 % (default), "
-        "high 0, reference 0 with float64 arithmetic throughout. In high and reference a build also searches for places that "
-        "resemble a point at full resolution everywhere.",
-    ),
-    click.option(
-        "--tolerance",
-        type=Number(0.0),
-        metavar="T",
-        default=None,
-        help="Permitted share of nodes with a wrong shadow; selects the fastest sufficient tier. Replaces --accuracy. "
-        "Default: that of the tier.",
-    ),
-)
-
-model_options = option_group(
-    click.option(
-        "--reflectance",
-        type=LAW,
-        default=None,
-        help=REFLECTANCE_HELP,
-    ),
-    accuracy_options,
-)
-
-albedo_options = option_group(
-    click.option(
-        "--albedo",
-        "albedo_path",
-        type=RASTER,
-        metavar="MAP",
-        help="Albedo map: a raster of relative surface brightness in a lunar CRS; default: none, uniform ground. "
-        "Radiance is multiplied by the ratio of "
-        "its value to --albedo-reference. Three bands are red, green and blue in lcp render.",
-    ),
-    click.option(
-        "--albedo-encoding",
-        type=click.Choice(ENCODINGS),
-        default=None,
-        help="Encoding of MAP: linear (values proportional to brightness, the default) or srgb (codes of a display "
-        "image).",
-    ),
-    click.option(
-        "--albedo-reference",
-        type=POSITIVE,
-        default=None,
-        metavar="V",
-        help="Decoded value of MAP that leaves the radiance unchanged; default: the mean of MAP, in colour of its "
-        "luminance.",
-    ),
-)
+"""True for a disc, False for a point, None for the tier's own."""
 
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing output.")
 
@@ -207,9 +105,7 @@ depfile_option = click.option(
 )
 
 
-def output_option(
-    metavar: str, required: bool = True, written: Files | None = None
-) -> Callable[[Command], Command]:
+def output_option(metavar: str, required: bool = True, written: Files | None = None) -> Decorator:
     """Option ``-o`` for the output file, or for a folder (``DIR``). ``written``: the files that are written,
     if they are others than the named one.
     """
@@ -218,50 +114,28 @@ def output_option(
     return click.option("-o", "--output", required=required, type=kind, metavar=metavar, help=what)
 
 
-def check_area(
-    center: tuple[float, float] | None, size_km: float | None, bounds: tuple[float, ...] | None
-) -> None:
-    """Raise a usage error for contradictory or incomplete area options."""
-    if center and bounds:
-        raise click.UsageError("--center and --bounds exclude each other")
-    if bool(center) != (size_km is not None):
-        given, missing = ("--center", "--size") if center else ("--size", "--center")
-        raise click.UsageError(f"{given} needs {missing}")
-    if bounds and not bounds[1] < bounds[3]:
-        raise click.UsageError("--bounds W S E N: the south must be below the north")
-    if bounds and bounds[0] == bounds[2]:
-        raise click.UsageError("--bounds W S E N: west and east are the same")
+def albedo_map(
+    model: ModelConfig, read: Callable[[str, str | None, float | None], Map]
+) -> Map | None:
+    """The albedo map of a model, opened by ``read``; None without one."""
+    if model.albedo is None:
+        return None
+    return read(model.albedo, model.albedo_encoding, model.albedo_reference)
 
 
-SUN_ANGLES = ("sun_azimuth", "sun_elevation", "time_utc", "subsolar")
-"""Names of the values of `sun_angle_options`, in the order of `check_sun`."""
+def check_outputs(overwrite: bool, *outputs: str | None) -> None:
+    """OutputExistsError or OutputError, before anything is computed, for outputs that cannot be written."""
+    from lcp_catalog.atomic_files import check_output
+
+    for name in outputs:
+        if name is not None:
+            check_output(name, overwrite)
 
 
-def check_sun(
-    azimuth: float | None,
-    elevation: float | None,
-    time_utc: str | None,
-    subsolar: tuple[float, float] | None,
-) -> bool:
-    """Return True if the options state a Sun. Usage error for several statements or half of one."""
-    if (azimuth is None) != (elevation is None):
-        raise click.UsageError("--sun-azimuth and --sun-elevation go together")
-    stated = [azimuth is not None, time_utc is not None, subsolar is not None]
-    if sum(stated) > 1:
-        raise click.UsageError(
-            "state the Sun once: --sun-azimuth and --sun-elevation, or --time, or --subsolar"
-        )
-    return any(stated)
+def write_files(files: Mapping[str, bytes], overwrite: bool) -> None:
+    """Write all files, or none of them if one cannot be written. The first appears last."""
+    from lcp_catalog.atomic_files import write_aside
 
-
-def check_albedo(path: str | None, encoding: str | None, reference: float | None) -> None:
-    """Raise a usage error for albedo options without ``--albedo``."""
-    for flag, value in (("--albedo-encoding", encoding), ("--albedo-reference", reference)):
-        if path is None and value is not None:
-            raise click.UsageError(f"{flag} needs --albedo MAP")
-
-
-def check_accuracy(tier: str | None, tolerance: float | None) -> None:
-    """Raise a usage error if both a tier and a tolerance are given."""
-    if tier is not None and tolerance is not None:
-        raise click.UsageError("--accuracy and --tolerance exclude each other")
+    with ExitStack() as stack:
+        for name, content in files.items():
+            stack.enter_context(write_aside(name, overwrite)).write_bytes(content)

@@ -25,16 +25,21 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     if is_json() or not sys.stderr.isatty():
         yield _Lines(label).update
         return
-    bar = click.progressbar(length=1, label=label, file=sys.stderr, show_pos=True)
+    pace = _Pace()
+
+    def shown(done: int | None) -> str | None:
+        return pace.text if done else None
+
+    bar = click.progressbar(
+        length=1, label=label, file=sys.stderr, show_pos=True, item_show_func=shown
+    )
     with bar:
-        pace = _Pace()
 
         def update(done: int, total: int) -> None:
             bar.length = max(total, 1)
             pace.update(done, total)
-            bar.update(done - bar.pos, f"{60.0 * pace.per_second:.3g} a minute")
+            bar.update(done - bar.pos, done)
 
-        bar.item_show_func = lambda rate: rate
         yield update
 
 
@@ -57,6 +62,11 @@ class _Pace:
         if steps > 0 and seconds > 0.0:
             self.per_second = steps / seconds
             self.left_s = (total - done) / self.per_second
+
+    @property
+    def text(self) -> str:
+        """The rate in words."""
+        return f"{60.0 * self.per_second:.3g} a minute"
 
     @property
     def is_known(self) -> bool:
@@ -82,9 +92,9 @@ class _Lines:
         if now - self._said_at < _EVERY_S[is_json()] and not last:
             return
         self._said_at = now
-        rate, left = 60.0 * pace.per_second, f", {duration_text(pace.left_s)} left"
+        left = f", {duration_text(pace.left_s)} left" if pace.is_known else ""
         say(
-            f"{self._label}: {done} of {total}, {rate:.3g} a minute{left if pace.is_known else ''}",
+            f"{self._label}: {done} of {total}, {pace.text}{left}",
             "progress",
             label=self._label,
             done=done,

@@ -1,28 +1,31 @@
-"""Options of ``lcp render`` besides the shared ones: light, view, surface, background; and checks of their
-combinations.
-"""
+"""Options of ``lcp render``: the request of one image, and rules for what goes together."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
 
 from lcp_catalog.choices import BOUNCES, HEIGHTFIELD_SIZE_MAX_KM, SURFACES
 
-from .files import InputFile
-from .options import RASTER, Command, option_group
+from . import options
+from .build_options import model_options
+from .environment_options import EnvironmentOptions, environment_options
+from .files import RASTER
+from .groups import Decorator, collected
+from .pointing_options import CameraOptions, camera_options
 from .value_types import AZIMUTH, POSITIVE, Finite, Number
 
-earthshine_option = click.option(
-    "--earthshine",
-    is_flag=True,
-    help="Add earthlight. The Earth's position is that at --time (or the camera's time), else at the zenith of "
-    "longitude 0, latitude 0.",
-)
+if TYPE_CHECKING:
+    from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.production.config import AreaConfig, ModelConfig
+    from lcp_catalog.rendering.request import AreaInView, Request
+    from lcp_catalog.rendering.sphere_extent import SphereArea
+    from lcp_catalog.terrain.area import Area
 
 
-def bounce_option(default: str) -> Callable[[Command], Command]:
+def bounce_option(default: str) -> Decorator:
     """Option ``--bounce`` with a default of its own: a frame of N x N rays a pixel takes ten times as long with it."""
     return click.option(
         "--bounce",
@@ -34,38 +37,174 @@ def bounce_option(default: str) -> Callable[[Command], Command]:
     )
 
 
-composite_options = option_group(
-    click.option(
-        "--shadow-catcher",
-        "catcher_m",
-        type=Finite(),
-        metavar="M",
-        help="Height of a horizontal plane, metres (ENU z). Where the camera misses the terrain, shadows on this plane "
-        "darken the background.",
-    ),
-    click.option(
-        "--background",
-        "background_path",
-        type=RASTER,
-        metavar="IMAGE",
-        help="Background image of the camera's plane; default: the environment map, if there is one.",
-    ),
-    click.option(
-        "--background-white",
-        type=POSITIVE,
-        metavar="V",
-        help="Radiance factor of the background's value 1 (in 8 and 16 bits: of white); default: 1, in 8 and 16 bits "
-        "the white of the preview.",
-    ),
-)
+@dataclass(frozen=True)
+class ViewOptions:
+    """The view: that of the camera, or angles at the area's centre; the image's plane; what is behind the terrain."""
 
-view_options = option_group(
-    click.option(
-        "--camera",
-        "camera_path",
-        type=InputFile(),
-        metavar="CAMERA.json",
-        help="Camera file: CAMERA.json, a USGS ISD (framing camera, line scanner, push-frame camera) or a .tsai file.",
+    camera: CameraOptions
+    off_nadir: float | None
+    view_azimuth: float | None
+    altitude_km: float | None
+    frame: str | None
+    around: str | None
+    shadow_catcher: float | None
+    background: str | None
+    background_white: float | None
+
+    def __post_init__(self) -> None:
+        """Raise a usage error for contradictory or incomplete options."""
+        angles = (self.off_nadir, self.view_azimuth)
+        if self.camera.is_pointed:
+            if angles != (None, None):
+                raise click.UsageError(
+                    "--fov excludes --off-nadir and --view-azimuth; --look AZ EL gives the direction"
+                )
+        elif self.camera.is_given and (*angles, self.altitude_km) != (None, None, None):
+            raise click.UsageError("--camera excludes --off-nadir, --view-azimuth and --altitude")
+        if self.off_nadir and self.view_azimuth is None:
+            raise click.UsageError("--off-nadir needs --view-azimuth")
+        if self.view_azimuth is not None and self.off_nadir is None:
+            raise click.UsageError("--view-azimuth needs --off-nadir")
+        if self.in_plane and not self.camera.is_given and self.altitude_km is None:
+            raise click.UsageError(
+                "--frame camera needs --camera, --fov, or --altitude (with --off-nadir)"
+            )
+        if self.has_backdrop and not self.in_plane:
+            raise click.UsageError("--shadow-catcher and --background need --frame camera")
+        if self.background_white is not None and self.background is None:
+            raise click.UsageError("--background-white needs --background IMAGE")
+
+    @property
+    def in_plane(self) -> bool:
+        """True if the image is that of the camera's plane."""
+        return (self.frame or ("camera" if self.camera.is_pointed else "enu")) == "camera"
+
+    @property
+    def has_backdrop(self) -> bool:
+        """True if something is drawn where the terrain is not."""
+        return self.shadow_catcher is not None or self.background is not None
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """All that determines an image."""
+
+    dem: tuple[str, ...]
+    product_order: tuple[str, ...] | None
+    center_deg: tuple[float, float] | None
+    size_km: float | None
+    bounds_deg: tuple[float, float, float, float] | None
+    gsd_m: float | None
+    sun: SunChoice
+    disc: bool | None
+    earthshine: bool
+    light: EnvironmentOptions
+    bounce: str
+    view: ViewOptions
+    surface: str
+    model: ModelConfig
+
+    def __post_init__(self) -> None:
+        """Raise a usage error for contradictory or incomplete options."""
+        self.view.camera.check_place(self.center_deg, self.view.altitude_km)
+        self._check_around()
+        self._area_config()
+        if self.surface != "sphere" and not self.dem:
+            raise click.UsageError("no DEM: give one or more, or --surface sphere")
+        if self.surface != "sphere" and (self.size_km or 0.0) > HEIGHTFIELD_SIZE_MAX_KM:
+            raise click.UsageError(
+                f"--size {self.size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; for wider "
+                "areas: --surface sphere"
+            )
+        self.light.check_sun(self.sun, self.disc)
+        lit_by_map = self.light.environment is not None
+        if lit_by_map and self.earthshine:
+            raise click.UsageError("--environment excludes --earthshine")
+        if self.view.shadow_catcher is not None and not (self.view.background or lit_by_map):
+            raise click.UsageError(
+                "--shadow-catcher needs --background IMAGE or --environment PANORAMA"
+            )
+
+    def _check_around(self) -> None:
+        """Raise a usage error for an area around the camera's view that has no size, or a place of its own."""
+        if self.view.around is None:
+            return
+        if not self.view.camera.is_given or self.size_km is None:
+            raise click.UsageError(
+                f"--around {self.view.around} needs --camera (or --fov) and --size"
+            )
+        if self._center() or self.bounds_deg:
+            raise click.UsageError("--around excludes --center and --bounds")
+
+    def _center(self) -> tuple[float, float] | None:
+        """Centre of the area; with a camera without a file that is the place under the camera."""
+        return None if self.view.camera.is_pointed else self.center_deg
+
+    @property
+    def _is_in_view(self) -> bool:
+        """True if the area lies around the camera's view."""
+        placed = self._center() or self.bounds_deg
+        return self.view.camera.is_given and self.size_km is not None and not placed
+
+    def _area_config(self) -> AreaConfig:
+        """The area that is stated. ConfigError if it is stated twice or in part."""
+        from lcp_catalog.production.config import AreaConfig
+
+        size_km = None if self._is_in_view else self.size_km
+        return AreaConfig(self._center() or (), size_km, self.bounds_deg or ())
+
+    def _area(self) -> Area | SphereArea | AreaInView | None:
+        """The area; None for what the camera sees, else the whole DEM."""
+        from lcp_catalog.rendering.request import AreaInView
+        from lcp_catalog.rendering.sphere_extent import SphereArea
+
+        center, size_km = self._center(), self.size_km
+        if self._is_in_view and size_km is not None:
+            return AreaInView(size_km, self.view.around == "axis")
+        if self.surface == "sphere" and center is not None and size_km is not None:
+            return SphereArea(*center, (size_km, size_km))
+        return self._area_config().region
+
+    def request(self) -> Request:
+        """The library's request. Raises the library's errors for files that cannot be read."""
+        from lcp_catalog.photometry.colour_map import open_map
+        from lcp_catalog.photometry.law_choice import named
+        from lcp_catalog.rendering.compositing import Backdrop
+        from lcp_catalog.rendering.request import Request, ViewChoice
+
+        shown = self.view
+        camera = shown.camera.open(self.center_deg, shown.altitude_km, shown.in_plane)
+        shown.camera.check_lit(self.sun, self.light, camera)
+        behind = None
+        if shown.has_backdrop:
+            behind = Backdrop.open(shown.shadow_catcher, shown.background, shown.background_white)
+        angles = shown.off_nadir or 0.0, shown.view_azimuth or 0.0
+        view = ViewChoice(None, angles[0], angles[1], shown.altitude_km)
+        return Request(
+            dem_paths=self.dem,
+            area=self._area(),
+            gsd_m=self.gsd_m,
+            sun=self.sun,
+            view=view if camera is None else ViewChoice.of(camera),
+            in_camera_plane=shown.in_plane,
+            model=named(self.model.reflectance),
+            accuracy=self.model.precision,
+            disc=self.disc,
+            product_order=self.product_order or (),
+            albedo=options.albedo_map(self.model, open_map),
+            surface=self.surface,
+            environment=self.light.open(),
+            bounce=self.bounce,
+            earthshine=self.earthshine,
+            backdrop=behind,
+        )
+
+
+view_options = collected(
+    "view",
+    ViewOptions,
+    camera_options(
+        "Camera file: CAMERA.json, a USGS ISD (framing camera, line scanner, push-frame camera) or a .tsai file."
     ),
     click.option(
         "--off-nadir",
@@ -89,90 +228,62 @@ view_options = option_group(
     click.option(
         "--frame",
         type=click.Choice(["enu", "camera"]),
-        default=None,
         help="Output raster: nodes of the area's ENU plane, or pixels of the camera; default: enu, with --fov camera.",
+    ),
+    click.option(
+        "--around",
+        type=click.Choice(["axis", "footprint"]),
+        help="Centre of an area of --size in the view of --camera or --fov: where its optical axis meets the surface (of "
+        "a scanner: the ray of the image's middle), or the middle of its footprint; default with --size and without "
+        "--center: footprint.",
+    ),
+    click.option(
+        "--shadow-catcher",
+        type=Finite(),
+        metavar="M",
+        help="Height of a horizontal plane, metres (ENU z). Where the camera misses the terrain, shadows on this plane "
+        "darken the background.",
+    ),
+    click.option(
+        "--background",
+        type=RASTER,
+        metavar="IMAGE",
+        help="Background image of the camera's plane; default: the environment map, if there is one.",
+    ),
+    click.option(
+        "--background-white",
+        type=POSITIVE,
+        metavar="V",
+        help="Radiance factor of the background's value 1 (in 8 and 16 bits: of white); default: 1, in 8 and 16 bits "
+        "the white of the preview.",
     ),
 )
 
-around_option = click.option(
-    "--around",
-    type=click.Choice(["axis", "footprint"]),
-    default=None,
-    help="Centre of an area of --size in the view of --camera or --fov: where its optical axis meets the surface (of a scanner: "
-    "the ray of the image's middle), or the middle of its footprint; default with --size and without --center: "
-    "footprint.",
+render_options = collected(
+    "asked",
+    RenderOptions,
+    options.dem_argument_or_none,
+    options.product_order_option,
+    options.area_options,
+    options.sun_angle_options,
+    options.disc_option,
+    click.option(
+        "--earthshine",
+        is_flag=True,
+        help="Add earthlight. The Earth's position is that at --time (or the camera's time), else at the zenith of "
+        "longitude 0, latitude 0.",
+    ),
+    environment_options,
+    bounce_option("auto"),
+    view_options,
+    click.option(
+        "--surface",
+        type=click.Choice(SURFACES),
+        default=SURFACES[0],
+        show_default=True,
+        help="Surface: heights of the DEM, or a sphere of 1737.4 km (needs no DEM). auto: the heights, or "
+        "the sphere if relief changes the image by less than the accuracy permits.",
+    ),
+    model_options,
 )
-
-
-def check_around(around: str | None, camera: bool, size_km: float | None, *others: object) -> bool:
-    """True if the area lies around the camera's view. ``camera``: True if one is given, by a file or by
-    ``--fov``; ``others``: other statements of the area's place.
-    """
-    stated = any(other is not None for other in others)
-    if around is not None and not (camera and size_km is not None):
-        raise click.UsageError(f"--around {around} needs --camera (or --fov) and --size")
-    if around is not None and stated:
-        raise click.UsageError("--around excludes --center and --bounds")
-    return camera and size_km is not None and not stated
-
-
-surface_option = click.option(
-    "--surface",
-    type=click.Choice(SURFACES),
-    default=SURFACES[0],
-    show_default=True,
-    help="Surface: heights of the DEM, or a sphere of 1737.4 km (needs no DEM). auto: the heights, or "
-    "the sphere if relief changes the image by less than the accuracy permits.",
-)
-
-
-def check_composite(
-    catcher_m: float | None,
-    background: str | None,
-    white: float | None,
-    environment: str | None,
-    frame: str,
-) -> None:
-    """Raise a usage error for a background or shadow catcher without a camera or without an image."""
-    if (catcher_m is not None or background is not None) and frame != "camera":
-        raise click.UsageError("--shadow-catcher and --background need --frame camera")
-    if catcher_m is not None and background is None and environment is None:
-        raise click.UsageError(
-            "--shadow-catcher needs --background IMAGE or --environment PANORAMA"
-        )
-    if white is not None and background is None:
-        raise click.UsageError("--background-white needs --background IMAGE")
-
-
-def check_view(
-    camera: bool,
-    off_nadir: float | None,
-    view_azimuth: float | None,
-    altitude_km: float | None,
-    frame: str,
-) -> None:
-    """Raise a usage error for contradictory or incomplete view options. ``camera``: True if one is given,
-    by a file or by ``--fov``.
-    """
-    oblique = any(value is not None for value in (off_nadir, view_azimuth, altitude_km))
-    if camera and oblique:
-        raise click.UsageError("--camera excludes --off-nadir, --view-azimuth and --altitude")
-    if off_nadir and view_azimuth is None:
-        raise click.UsageError("--off-nadir needs --view-azimuth")
-    if view_azimuth is not None and off_nadir is None:
-        raise click.UsageError("--view-azimuth needs --off-nadir")
-    if frame == "camera" and not camera and altitude_km is None:
-        raise click.UsageError(
-            "--frame camera needs --camera, --fov, or --altitude (with --off-nadir)"
-        )
-
-
-def check_surface(surface: str, dems: tuple[str, ...], size_km: float | None) -> None:
-    """Raise a usage error for a heightfield without a DEM or wider than one plane can be."""
-    if surface != "sphere" and not dems:
-        raise click.UsageError("no DEM: give one or more, or --surface sphere")
-    if surface != "sphere" and size_km is not None and size_km > HEIGHTFIELD_SIZE_MAX_KM:
-        raise click.UsageError(
-            f"--size {size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; for "
-            "wider areas: --surface sphere"
-        )
+"""What is rendered, which a command gets as ``asked``."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from . import options
 from .files import FileCommand, InputFile
 from .messages import EXIT_NO, say
-from .query import accuracy_options, frame_options, frames_of, query_of
+from .query import FrameOptions, frame_options, query_options
+
+if TYPE_CHECKING:
+    from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.navigation.expected_position import Query
 
 
 @click.command(cls=FileCommand, rule=True, example="lcp report site.h5 -o site.html")
@@ -22,7 +26,7 @@ from .query import accuracy_options, frame_options, frames_of, query_of
 )
 @frame_options
 @options.sun_angle_options
-@accuracy_options
+@query_options()
 @click.option(
     "--require",
     metavar="EXPR",
@@ -44,9 +48,9 @@ def command(
     overwrite: bool,
     require: str | None,
     evidence: tuple[str, ...],
-    camera_path: str | None,
-    trajectory_path: str | None,
-    **flags: Any,
+    frames: FrameOptions,
+    sun: SunChoice,
+    query: Query,
 ) -> int:
     """Write a catalogue report: map of the points, the points under a chosen Sun, their patches.
 
@@ -63,13 +67,8 @@ def command(
 
     from lcp_catalog.validation.dossier import write_dossier
 
-    options.check_sun(*(flags[name] for name in options.SUN_ANGLES))
-    frames = (
-        frames_of(camera_path, trajectory_path, flags) if camera_path or trajectory_path else []
-    )
-    verdict = write_dossier(
-        catalog, output, frames, query_of(most=None, **flags), require, evidence, overwrite
-    )
+    images = frames.read(sun)
+    verdict = write_dossier(catalog, output, images, query, require, evidence, overwrite)
     for line in verdict.failures if verdict else ():
         say(f"lcp: --require: {line}")
     say(f"{output}: written")

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .files import FileCommand
-from .value_types import CELL_SIZE, LATITUDE, LONGITUDE, Instant, Number, Step
+from .build_options import field_option
+from .files import RASTER, FileCommand
+from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number, Step
 
 if TYPE_CHECKING:
     from lcp_catalog.ephemeris.table import SunTable
@@ -39,8 +40,7 @@ COLUMNS = {
 )
 @click.option(
     "--center",
-    nargs=2,
-    type=click.Tuple([LONGITUDE, LATITUDE]),
+    type=PLACE,
     metavar="LON LAT",
     help="The place, degrees east and north.",
 )
@@ -57,22 +57,18 @@ COLUMNS = {
 @click.option(
     "--dem",
     multiple=True,
-    type=options.RASTER,
+    type=RASTER,
     metavar="DEM...",
     help="Add the terrain horizon and the share of the disc above it.",
 )
-@click.option(
-    "--gsd",
-    "gsd_m",
-    type=CELL_SIZE,
-    metavar="M",
+@field_option(
+    "area.gsd_m",
     help="With --dem: cell size of the nearby terrain; default: that of the DEM.",
 )
 @click.option("--time", "time_utc", type=Instant(), metavar="UTC", help="One instant.")
 @click.option(
     "--range",
     "span",
-    nargs=3,
     type=click.Tuple([Instant(), Instant(), Step()]),
     metavar="START STOP STEP",
     help="Instants from START to STOP; STEP is like 30m, 6h, 1d or PT6H.",
@@ -96,21 +92,25 @@ def command(
     """Print the position of the Sun over a place on the Moon: azimuth, elevation, share of the disc
     above the horizontal plane, subsolar point, distance and angular radius.
     """
-    lon, lat = _place_of(center, lon, lat)
-    if (time_utc is None) == (span is None):
+    place = _place_of(center, lon, lat)
+    from lcp_catalog.ephemeris.times import instants
+
+    if time_utc is not None and span is None:
+        when = instants(time_utc)
+    elif span is not None and time_utc is None:
+        when = range_of(span)
+    else:
         raise click.UsageError("give --time UTC or --range START STOP STEP")
     if gsd_m is not None and not dem:
         raise click.UsageError("--gsd requires --dem")
     if dem and height_m < 0.0:
         raise click.UsageError("--height must not be negative with --dem")
-    when = _instants(time_utc, span)
 
-    from lcp_catalog.atomic_files import check_output
     from lcp_catalog.ephemeris.table import remarks
+    from lcp_catalog.light.public import sun_at
 
-    if output is not None:
-        check_output(output, overwrite)
-    table = _table(lon, lat, height_m, dem, gsd_m, when)
+    options.check_outputs(overwrite, output)
+    table = sun_at(place, when, height_m=height_m, dem=dem or None, gsd_m=gsd_m)
     notes = remarks(table)
     if output is not None:
         _write(output, overwrite, _csv(table, notes))
@@ -131,42 +131,22 @@ def _place_of(
     raise click.UsageError("give the place once: --center LON LAT, or --lon DEG and --lat DEG")
 
 
-def _table(
-    lon: float,
-    lat: float,
-    height_m: float,
-    dem: tuple[str, ...],
-    gsd_m: float | None,
-    when: Instants,
-) -> SunTable:
-    from lcp_catalog.ephemeris.table import sun_table
-    from lcp_catalog.geometry.frames import EnuFrame
-
-    if not dem:
-        return sun_table(EnuFrame(lon, lat, height_m), when)
-    from lcp_catalog.dem.mosaic import DemSet
-    from lcp_catalog.light.sun_visibility import sun_over_ground
-
-    return sun_over_ground(DemSet.open(dem), lon, lat, when, height_m, gsd_m)
-
-
 def _columns(table: SunTable) -> dict[str, tuple[str, int, int | None]]:
     """Columns of `COLUMNS` that a table has."""
     there = ("time_utc", *table.figures)
     return {key: column for key, column in COLUMNS.items() if key in there}
 
 
-def _instants(time_utc: str | None, span: tuple[str, str, float] | None) -> Instants:
-    from lcp_catalog.ephemeris.times import instant_range, instants
+def range_of(span: tuple[str, str, float]) -> Instants:
+    """The instants of ``--range``. Usage error for an empty or too long range."""
+    from lcp_catalog.ephemeris.times import instant_range
     from lcp_catalog.errors import SunError
 
+    start, stop, step_s = span
     try:
-        if span is not None:
-            return instant_range(*span)
-        assert time_utc is not None  # `command` requires one of the two
-        return instants(time_utc)
+        return instant_range(start, stop, step_s)
     except SunError as error:
-        raise click.UsageError(f"{'--time' if span is None else '--range'}: {error}") from error
+        raise click.UsageError(f"--range: {error}") from error
 
 
 def _place(table: SunTable) -> str:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from .build_options import config_option, configuration, point_options, sweep_options
+from .build_options import ALBEDO, AREA, POINTS, SWEEP, build_options
 from .files import FileCommand
 from .messages import echo, say
-from .options import (
-    LAW,
-    REFLECTANCE_HELP,
-    albedo_options,
-    dem_argument,
-    output_option,
-    overwrite_option,
-    product_order_option,
-    region_options,
-)
+from .options import dem_argument, output_option, overwrite_option
+from .progress import progress
+
+if TYPE_CHECKING:
+    from lcp_catalog.production.config import BuildConfig
 
 
 def _written(folder: str) -> Iterator[Path]:
@@ -36,19 +31,8 @@ def _written(folder: str) -> Iterator[Path]:
     example="lcp trade DEM.tif -o trade --center 3.5 26 --size 60 --areas 2",
 )
 @dem_argument
-@product_order_option
 @output_option("DIR", written=_written)
-@config_option
-@region_options
-@sweep_options
-@click.option(
-    "--reflectance",
-    type=LAW,
-    default=None,
-    help=REFLECTANCE_HELP,
-)
-@albedo_options
-@point_options
+@build_options("dem.product_order", *AREA, *SWEEP, "model.reflectance", *ALBEDO, *POINTS)
 @click.option(
     "--areas",
     type=click.IntRange(1),
@@ -68,7 +52,7 @@ def command(
     areas: int | None,
     rounds: int | None,
     overwrite: bool,
-    **flags: Any,
+    config: BuildConfig,
 ) -> None:
     """Measure the run time and the errors of each accuracy tier on your own DEM and sweep.
 
@@ -78,21 +62,20 @@ def command(
     Writes DIR/trade.json, DIR/trade.html (table, plot and images) and DIR/trade.md (the table in
     Markdown).
     """
-    config = configuration(**flags)
-    from lcp_catalog.production.run import Build
-    from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS, measure_trade
-    from lcp_catalog.tradeoff.report import check_trade_folder, markdown, write_trade
+    from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS
+    from lcp_catalog.tradeoff.public import trade
+    from lcp_catalog.tradeoff.report import markdown
 
-    from .progress import progress
-
-    folder = Path(output)
-    check_trade_folder(folder, overwrite)
-    build = Build.plan(tuple(Path(path) for path in dem), config)
-    if build.levels:
-        raise click.UsageError("the configuration has several levels: give one cell size, --gsd")
     with progress("tiers") as update:
-        trade = measure_trade(build, areas or AREAS, rounds or ROUNDS, progress=update)
-    write_trade(trade, folder, overwrite)
-    echo(markdown(trade), nl=False)
-    compared = trade.compared
-    say(f"{output}: {len(trade.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas")
+        found = trade(
+            dem,
+            output,
+            config=config,
+            areas=areas or AREAS,
+            rounds=rounds or ROUNDS,
+            overwrite=overwrite,
+            progress=update,
+        )
+    echo(markdown(found), nl=False)
+    compared = found.compared
+    say(f"{output}: {len(found.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas")

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
-from .environment_options import check_environment, environment, environment_options
-from .files import FileCommand, InputFile, OutputFile
+from .build_options import ACCURACY, ALBEDO, field_option, model_config
+from .environment_options import EnvironmentOptions, environment_options
+from .files import RASTER, FileCommand, InputFile, OutputFile
+from .groups import collected
 from .messages import EXIT_NO, echo, say
-from .value_types import CELL_SIZE, LAW, Distance, Finite, Number
+from .names import in_options
+from .progress import progress
+from .value_types import Distance, Finite, Number
 
 if TYPE_CHECKING:
-    from lcp_catalog.validation.run import ImageFiles, Validation
+    from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.production.config import ModelConfig
 
 
 def _written(folder: str) -> Iterator[Path]:
@@ -33,7 +37,7 @@ def _written(folder: str) -> Iterator[Path]:
     example="lcp validate site.h5 IMAGE.png -o check --camera CAMERA.json --dem A.tif B.tif",
 )
 @options.catalog_argument
-@click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=options.RASTER)
+@click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=RASTER)
 @options.output_option("DIR", written=_written)
 @click.option(
     "--camera",
@@ -44,36 +48,30 @@ def _written(folder: str) -> Iterator[Path]:
     help="Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
     "Default: none, for images that are georeferenced map projections.",
 )
-@options.sun_options
+@options.sun_angle_options
+@options.disc_option
 @environment_options
 @click.option(
     "--dem",
     "dems",
-    type=options.RASTER,
+    type=RASTER,
     multiple=True,
     metavar="DEM...",
     help="Compare the whole image with renders of these DEMs. Default: compare with the catalogue's patches only.",
 )
-@click.option(
-    "--gsd",
-    "gsd_m",
-    type=CELL_SIZE,
-    metavar="M",
-    help="Cell size at which windows are compared; default: the effective resolution of --dem, estimated from its "
-    "heights, or the cell size of the patches.",
+@field_option(
+    "area.gsd_m",
+    "the effective resolution of --dem, estimated from its heights, or the cell size of the patches",
 )
-@click.option(
-    "--reflectance",
-    type=LAW,
-    default=VALIDATION_LAW,
-    show_default=True,
-    help="Reflectance model (law) of the renders.",
+@collected(
+    "model",
+    model_config,
+    field_option("model.reflectance", VALIDATION_LAW, default=VALIDATION_LAW),
+    *map(field_option, (*ACCURACY, *ALBEDO)),
 )
-@options.albedo_options
-@options.accuracy_options
 @click.option(
     "--position-sigma",
-    "position_km",
+    "position_sigma_km",
     type=Distance(),
     default=1.0,
     show_default=True,
@@ -83,7 +81,7 @@ def _written(folder: str) -> Iterator[Path]:
 )
 @click.option(
     "--attitude-sigma",
-    "attitude_deg",
+    "attitude_sigma_deg",
     type=Number(0.0, 90.0),
     default=0.1,
     show_default=True,
@@ -161,12 +159,27 @@ def command(
     images: tuple[str, ...],
     output: str,
     cameras: tuple[str, ...],
+    sun: SunChoice,
+    disc: bool | None,
+    light: EnvironmentOptions,
+    dems: tuple[str, ...],
+    gsd_m: float | None,
+    model: ModelConfig,
+    position_sigma_km: float,
+    attitude_sigma_deg: float,
+    window: int,
+    step: int | None,
+    remove_offset: bool,
+    encoding: str,
+    band: int | None,
+    nodata: float | None,
+    faint: bool,
+    known_pose: bool,
     require: str | None,
     errors_file: str | None,
     as_json: bool,
     overwrite: bool,
     depfile: str | None,
-    **flags: Any,
 ) -> int:
     """Find a catalogue's points in images and compare the images with renders.
 
@@ -178,31 +191,62 @@ def command(
     Exit code 4: an image does not show the place that its camera file states, or --require is
     not met.
     """
-    files = _paired(images, cameras)
+    if len(cameras) not in {0, 1, len(images)}:
+        raise click.UsageError(
+            f"{len(cameras)} --camera for {len(images)} images: give one, or one per image in the same order"
+        )
+    light.check_sun(sun, disc)
+    if disc is not None and not dems:
+        raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
+    from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.validation.output import check_validation_folder, write_validation
+    from lcp_catalog.validation.public import validate
     from lcp_catalog.validation.requirement import Requirement
+    from lcp_catalog.validation.result import summary_lines
 
     wanted = None if require is None else Requirement.parse(require)
-    if wanted and wanted.needs_known_pose and not flags["known_pose"]:
+    if wanted and wanted.needs_known_pose and not known_pose:
         raise click.UsageError(
             "--require: the position error is known only with --known-pose (the camera file's position is the true one); "
             "add --known-pose, or require position_sigma_m"
         )
-    from lcp_catalog.validation.output import check_validation_folder, write_validation
-    from lcp_catalog.validation.result import summary_lines
-    from lcp_catalog.validation.run import run_validation
-
-    from .progress import progress
-
     fitted = Path(errors_file) if errors_file else None
     check_validation_folder(Path(output), overwrite, depfile, fitted)
-    request = _request(catalog, files, fit_errors=fitted is not None, **flags)
     with progress("images") as update:
-        result = run_validation(request, update)
+        result = validate(
+            catalog,
+            images,
+            cameras or (None,) * len(images),
+            position_sigma_m=1e3 * position_sigma_km,
+            attitude_sigma_deg=attitude_sigma_deg,
+            known_pose=known_pose,
+            sun_azimuth_deg=sun.azimuth_deg,
+            sun_elevation_deg=sun.elevation_deg,
+            time_utc=sun.time_utc,
+            subsolar_deg=sun.subsolar_deg,
+            disc=disc,
+            environment=light.open(),
+            dem=dems,
+            gsd_m=gsd_m,
+            window=window,
+            step=step,
+            remove_offset=remove_offset,
+            reflectance=model.reflectance,
+            albedo=options.albedo_map(model, AlbedoMap.open),
+            accuracy=model.accuracy,
+            tolerance=model.tolerance,
+            encoding=encoding,
+            band=band,
+            nodata=nodata,
+            faint=faint,
+            fit_errors=fitted is not None,
+            progress=update,
+        )
     write_validation(result, Path(output), overwrite, depfile, fitted)
     if as_json:
         click.echo(result.verdict.to_json(), nl=False)
     for line in summary_lines(result.verdict):
-        echo(line, err=as_json)
+        echo(in_options(line), err=as_json)
     failures = wanted.failures(result.verdict.document()) if wanted else []
     for line in failures:
         say(f"lcp: --require: {line}")
@@ -210,60 +254,3 @@ def command(
         say(f"{errors_file}: errors fitted to {result.fitted.points} points")
     say(f"{output}/report.html: written")
     return EXIT_NO if failures or not result.located else 0
-
-
-def _paired(images: tuple[str, ...], cameras: tuple[str, ...]) -> list[ImageFiles]:
-    """Return each image with its camera file. Usage error if their numbers do not match."""
-    if len(cameras) not in {0, 1, len(images)}:
-        raise click.UsageError(
-            f"{len(cameras)} --camera for {len(images)} images: give one, or one per image in the same order"
-        )
-    from lcp_catalog.validation.run import ImageFiles
-
-    each = cameras * len(images) if len(cameras) == 1 else cameras or (None,) * len(images)
-    return [
-        ImageFiles(Path(image), Path(camera) if camera else None)
-        for image, camera in zip(images, each, strict=True)
-    ]
-
-
-def _request(catalog: str, files: list[ImageFiles], **flags: Any) -> Validation:
-    angles = flags["sun_azimuth"], flags["sun_elevation"]
-    check_environment(flags, options.check_sun(*angles, flags["time_utc"], flags["subsolar"]))
-    disc = flags["sun_model"] and flags["sun_model"] == "disc"
-    if disc is not None and not flags["dems"]:
-        raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
-    options.check_accuracy(flags["accuracy"], flags["tolerance"])
-    albedo = flags["albedo_path"], flags["albedo_encoding"], flags["albedo_reference"]
-    options.check_albedo(*albedo)
-
-    from lcp_catalog.accuracy import accuracy
-    from lcp_catalog.cameras.sensor import Uncertainty
-    from lcp_catalog.images.image_file import ImageOptions
-    from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.photometry.albedo_map import AlbedoMap
-    from lcp_catalog.photometry.law_choice import named
-    from lcp_catalog.validation.ground_comparison import WindowChoice
-    from lcp_catalog.validation.run import Validation
-
-    size, auto = flags["window"], flags["encoding"] == "auto"
-    return Validation(
-        catalog_path=Path(catalog),
-        files=tuple(files),
-        uncertainty=Uncertainty(1e3 * flags["position_km"], math.radians(flags["attitude_deg"])),
-        dem_paths=tuple(Path(path) for path in flags["dems"]),
-        windows=WindowChoice(size, flags["step"] or size, flags["gsd_m"], flags["remove_offset"]),
-        sun=SunChoice(*angles, flags["time_utc"], flags["subsolar"]),
-        model=named(flags["reflectance"]),
-        accuracy=accuracy(flags["accuracy"], flags["tolerance"]),
-        albedo=AlbedoMap.open(*albedo) if albedo[0] else None,
-        environment=environment(flags),
-        disc=disc,
-        pose_is_known=flags["known_pose"],
-        faint=flags["faint"],
-        fit_errors=flags["fit_errors"],
-        pixels=ImageOptions(
-            flags["band"], flags["nodata"], encoding=ENCODINGS[0] if auto else flags["encoding"]
-        ),
-        choose_encoding=auto,
-    )

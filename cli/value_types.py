@@ -139,6 +139,7 @@ SUN_SKY_RATIO = NumberOr("auto", "found", min=0.0, min_open=True)
 CELL_SIZE = Number(min=0.0, max=GSD_MAX_M, min_open=True)
 LONGITUDE, LATITUDE = Number(-180, 360), Number(-90, 90)
 AZIMUTH = Number(-360, 360)
+PLACE, AREA_BOUNDS = click.Tuple([LONGITUDE, LATITUDE]), click.Tuple([LONGITUDE, LATITUDE] * 2)
 
 
 class Names(click.ParamType):

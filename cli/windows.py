@@ -4,25 +4,83 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import options
+from .build_options import field_option
 from .files import FileCommand, InputFile
+from .groups import collected
 from .messages import echo, say
 from .progress import progress
-from .value_types import AZIMUTH, CELL_SIZE, LATITUDE, LONGITUDE, POSITIVE, Instant, Number, Step
+from .sun import range_of
+from .value_types import AZIMUTH, PLACE, POSITIVE, Instant, Number, Step
 
 if TYPE_CHECKING:
-    from lcp_catalog.ephemeris.times import Instants
     from lcp_catalog.navigation.site_windows import SiteWindows
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
 
 DEFAULT_SIZE_KM = 20.0
+
+
+@dataclass(frozen=True)
+class SiteOptions:
+    """Whose points count: those of a square as seen from one direction, or those in the image of a camera."""
+
+    size_km: float | None
+    gsd_m: float | None
+    off_nadir: float | None
+    view_azimuth: float | None
+    camera: str | None
+
+    def __post_init__(self) -> None:
+        """Raise a usage error for options that do not fit together."""
+        if self.camera and (self.size_km or self.gsd_m or self.off_nadir or self.view_azimuth):
+            raise click.UsageError(
+                "--camera excludes --size, --gsd, --off-nadir and --view-azimuth"
+            )
+        if self.off_nadir and self.view_azimuth is None:
+            raise click.UsageError("--off-nadir needs --view-azimuth")
+
+
+site_options = collected(
+    "site",
+    SiteOptions,
+    field_option(
+        "area.gsd_m",
+        help="Size of the image's pixel on the ground; default: the cell size of each point.",
+    ),
+    click.option(
+        "--size",
+        "size_km",
+        type=POSITIVE,
+        metavar="KM",
+        help=f"Side length of the square site; default: {DEFAULT_SIZE_KM:g}.",
+    ),
+    click.option(
+        "--off-nadir",
+        type=Number(0, 90, max_open=True),
+        metavar="DEG",
+        help="Angle between the vertical and the direction to the camera, degrees; default: 0.",
+    ),
+    click.option(
+        "--view-azimuth",
+        type=AZIMUTH,
+        metavar="DEG",
+        help="Azimuth of the camera, seen from the site, degrees clockwise from north.",
+    ),
+    click.option(
+        "--camera",
+        type=InputFile(),
+        metavar="CAMERA.json",
+        help="Camera that stays at its place: the points in its image, and the expected accuracy of its position.",
+    ),
+)
 
 
 @click.command(
@@ -33,8 +91,7 @@ DEFAULT_SIZE_KM = 20.0
 @options.catalog_argument
 @click.option(
     "--center",
-    nargs=2,
-    type=click.Tuple([LONGITUDE, LATITUDE]),
+    type=PLACE,
     required=True,
     metavar="LON LAT",
     help="Centre of the site, degrees; the Sun's angles are those there.",
@@ -42,45 +99,12 @@ DEFAULT_SIZE_KM = 20.0
 @click.option(
     "--range",
     "span",
-    nargs=3,
     type=click.Tuple([Instant(), Instant(), Step()]),
     required=True,
     metavar="FROM TO STEP",
     help="Instants from FROM to TO, UTC; STEP is like 30m, 6h, 1d or PT6H.",
 )
-@click.option(
-    "--size",
-    "size_km",
-    type=POSITIVE,
-    metavar="KM",
-    help=f"Side length of the square site; default: {DEFAULT_SIZE_KM:g}.",
-)
-@click.option(
-    "--gsd",
-    "gsd_m",
-    type=CELL_SIZE,
-    metavar="M",
-    help="Size of the image's pixel on the ground; default: the cell size of each point.",
-)
-@click.option(
-    "--off-nadir",
-    type=Number(0, 90, max_open=True),
-    metavar="DEG",
-    help="Angle between the vertical and the direction to the camera, degrees; default: 0.",
-)
-@click.option(
-    "--view-azimuth",
-    type=AZIMUTH,
-    metavar="DEG",
-    help="Azimuth of the camera, seen from the site, degrees clockwise from north.",
-)
-@click.option(
-    "--camera",
-    "camera_path",
-    type=InputFile(),
-    metavar="CAMERA.json",
-    help="Camera that stays at its place: the points in its image, and the expected accuracy of its position.",
-)
+@site_options
 @click.option(
     "--min-points",
     type=click.IntRange(1),
@@ -100,20 +124,32 @@ def command(
     as_json: bool,
     output: str | None,
     overwrite: bool,
-    **flags: Any,
+    site: SiteOptions,
 ) -> None:
     """List the intervals of time in which a site has enough usable points.
 
     A point is usable if the catalogue says so for the Sun, the view and the size of a pixel, as in lcp
     query. -o and --json give the number at every instant.
     """
-    _check(output, flags)
+    if output is not None and Path(output).suffix.lower() != ".csv":
+        raise click.UsageError(f"-o {output}: the output must end in .csv")
 
-    from lcp_catalog.atomic_files import check_output, write_bytes
+    from lcp_catalog.atomic_files import write_bytes
+    from lcp_catalog.navigation.public import windows
 
-    if output is not None:
-        check_output(output, overwrite)
-    found = _found(catalog, center, _instants(*span), flags)
+    options.check_outputs(overwrite, output)
+    with progress("instants") as update:
+        found = windows(
+            catalog,
+            center,
+            range_of(span),
+            size_km=site.size_km or DEFAULT_SIZE_KM,
+            gsd_m=site.gsd_m,
+            off_nadir_deg=site.off_nadir or 0.0,
+            view_azimuth_deg=site.view_azimuth or 0.0,
+            camera=site.camera,
+            progress=update,
+        )
     intervals = found.intervals(min_points)
     if output is not None:
         write_bytes(output, found.csv_text().encode("utf-8"), overwrite)
@@ -131,51 +167,6 @@ def command(
             echo(line)
     if output is not None:
         say(f"{output}: {len(found.times)} instants written")
-
-
-def _check(output: str | None, flags: dict[str, Any]) -> None:
-    """Raise a usage error for options that do not fit together."""
-    if output is not None and Path(output).suffix.lower() != ".csv":
-        raise click.UsageError(f"-o {output}: the output must end in .csv")
-    of_site = [name for name in ("size_km", "gsd_m", "off_nadir", "view_azimuth") if flags[name]]
-    if flags["camera_path"] and of_site:
-        raise click.UsageError("--camera excludes --size, --gsd, --off-nadir and --view-azimuth")
-    if flags["off_nadir"] and flags["view_azimuth"] is None:
-        raise click.UsageError("--off-nadir needs --view-azimuth")
-
-
-def _instants(start: str, stop: str, step_s: float) -> Instants:
-    from lcp_catalog.ephemeris.times import instant_range
-    from lcp_catalog.errors import SunError
-
-    try:
-        return instant_range(start, stop, step_s)
-    except SunError as error:
-        raise click.UsageError(f"--range: {error}") from error
-
-
-def _found(
-    path: str, center: tuple[float, float], times: Instants, flags: dict[str, Any]
-) -> SiteWindows:
-    from lcp_catalog.cameras.camera_file import read_sensor
-    from lcp_catalog.catalog.hdf5 import open_catalog
-    from lcp_catalog.geometry.frames import EnuFrame
-    from lcp_catalog.navigation.site_windows import Site, camera_windows, site_windows
-
-    place = EnuFrame(*center)
-    sensor = read_sensor(flags["camera_path"]) if flags["camera_path"] else None
-    catalog = open_catalog(path, check=False)
-    with progress("instants") as update:
-        if sensor is not None:
-            return camera_windows(catalog, place, sensor, times, update)
-        site = Site(
-            place,
-            1e3 * (flags["size_km"] or DEFAULT_SIZE_KM),
-            flags["gsd_m"],
-            flags["off_nadir"] or 0.0,
-            flags["view_azimuth"] or 0.0,
-        )
-        return site_windows(catalog, site, times, update)
 
 
 def _text(found: SiteWindows, intervals: list[dict[str, Any]], least: int) -> list[str]:

@@ -41,6 +41,11 @@ HEIGHTFIELD_SIZE_MAX_KM = 2000.0
 GSD_MAX_M = 50_000.0
 """Greatest cell size, metres: a window of coarser cells would take in the whole Moon."""
 
+LEVEL_RATIO = 1.1
+"""Greatest ratio of neighbouring cell sizes of one level of a catalogue: builds of the same level from other
+products derive slightly different cells.
+"""
+
 PNG, TIFF = (".png",), (".tif", ".tiff")
 """Endings of the frames that `lcp simulate` writes: detector numbers, radiance factors."""
 

@@ -14,6 +14,11 @@ NAMED = re.compile(r"`([a-z][\w.]*)`")
 """A parameter or a field in a message."""
 
 
+def plain(message: object) -> str:
+    """A message without the marks of names: of a file's own keys."""
+    return NAMED.sub(r"\1", str(message))
+
+
 class LcpError(Exception):
     """Base of all errors that the library raises on purpose; each is also a builtin error.
 

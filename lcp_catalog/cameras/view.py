@@ -270,7 +270,7 @@ def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     if not distance >= 0.0:
         raise ImageError(
             f"{path or sensor.name}: its centre does not show the Moon, so that angles of the Sun "
-            "have no reference place: give `sun.time_utc` or `sun.subsolar_deg`"
+            "have no reference place: give `time_utc` or `subsolar_deg`"
         )
     lon, lat, _ = mcmf_to_lonlat(origin + distance * direction)
     return float(lon), float(lat)

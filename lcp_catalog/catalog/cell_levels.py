@@ -6,11 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Index
-
-LEVEL_RATIO = 1.1
-"""Greatest ratio of neighbouring cell sizes of one level: builds of the same level from other products
-derive slightly different cells.
-"""
+from ..choices import LEVEL_RATIO
 
 
 def levels(gsd_m: ArrayLike) -> Index:

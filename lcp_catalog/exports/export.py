@@ -88,7 +88,7 @@ def _sun(azimuth_deg: float | None, elevation_deg: float | None) -> tuple[float,
     if azimuth_deg is None and elevation_deg is None:
         return None
     if azimuth_deg is None or elevation_deg is None:
-        raise ConfigError("the azimuth and the elevation of the Sun go together")
+        raise ConfigError("`sun_azimuth_deg` and `sun_elevation_deg` go together")
     return azimuth_deg, elevation_deg
 
 

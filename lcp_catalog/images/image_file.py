@@ -238,8 +238,8 @@ def _sun(
     ]
     if not suns:
         raise ImageError(
-            f"{path}: the Sun is unknown: give `sun.time_utc`, `sun.subsolar_deg`, or "
-            "`sun.azimuth_deg` and `sun.elevation_deg`"
+            f"{path}: the Sun is unknown: give `time_utc`, `subsolar_deg`, or "
+            "`sun_azimuth_deg` and `sun_elevation_deg`"
         )
     _warn(path, suns)
     if stated is not None:

@@ -60,10 +60,10 @@ class ErrorModel:
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
             if not 0.0 <= value < math.inf:
-                raise ConfigError(f"errors.{name} must be 0 or above, not {value}")
+                raise ConfigError(f"`errors.{name}` must be 0 or above, not {value}")
         for name in ("height_length_m", "albedo_length_m"):
             if getattr(self, name) <= 0.0:
-                raise ConfigError(f"errors.{name} must be above 0")
+                raise ConfigError(f"`errors.{name}` must be above 0")
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ErrorModel:

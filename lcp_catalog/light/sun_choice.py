@@ -35,10 +35,17 @@ class SunChoice:
 
     def __post_init__(self) -> None:
         if (self.azimuth_deg is None) != (self.elevation_deg is None):
-            raise SunError("the azimuth and the elevation of the Sun go together")
-        given = (self.azimuth_deg, self.time_utc, self.subsolar_deg)
-        if sum(value is not None for value in given) > 1:
-            raise SunError("the Sun is stated once: by its angles, a time, or the subsolar point")
+            raise SunError("`sun_azimuth_deg` and `sun_elevation_deg` go together")
+        stated = (self.azimuth_deg, self.time_utc, self.subsolar_deg)
+        if sum(value is not None for value in stated) > 1:
+            raise SunError(
+                "state the Sun once: `sun_azimuth_deg` and `sun_elevation_deg`, or `time_utc`, or `subsolar_deg`"
+            )
+
+    @property
+    def is_stated(self) -> bool:
+        """False if the camera file's Sun applies."""
+        return self != SunChoice()
 
     def direction_mcmf(self, frame: EnuFrame, camera: Sensor | None) -> Array:
         """Unit MCMF vector (3,) from a frame's origin to the Sun; SunError if there is no Sun."""

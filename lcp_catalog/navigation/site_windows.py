@@ -55,7 +55,7 @@ class Site:
         if not len(found):
             raise CatalogError(
                 f"no point of the catalogue lies within the {self.size_m / 1e3:g} km around longitude "
-                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger `size_km`, or another `center`"
+                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger `size_km`, or another `center_deg`"
             )
         return found
 

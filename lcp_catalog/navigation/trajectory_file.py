@@ -50,7 +50,7 @@ def read_trajectory(path: Path | str, camera: Camera | None = None) -> list[Came
         found = _from_json(text, str(path))
     else:
         if camera is None:
-            raise CameraError(f"{path}: is a CSV table of positions; give its `camera`")
+            raise CameraError(f"{path}: is a CSV table of positions; give its camera with `camera`")
         found = _from_csv(text, str(path), camera)
     if not found:
         raise CameraError(f"{path}: has no frame")

@@ -84,7 +84,7 @@ def _box_area(box: Bounds, request: Request) -> Area:
             return Area(0.0, pole, min(size_km, _EXTENT_MAX_M / 1e3))
     wider = "" if request.surface == "sphere" else f", or {_WIDER}"
     raise AreaError(
-        f"{box} does not fit into one plane: state `center` and `size_km`, or `bounds`{wider}"
+        f"{box} does not fit into one plane: state `center_deg` and `size_km`, or `bounds_deg`{wider}"
     )
 
 
@@ -111,7 +111,7 @@ def require_extent(extent_m: Extent) -> None:
     if max(width, height) > _EXTENT_MAX_M * (1 + 1e-9):
         raise AreaError(
             f"{width / 1e3:.0f} x {height / 1e3:.0f} km do not fit into one plane "
-            f"(limit {_EXTENT_MAX_M / 1e3:.0f} km): state a smaller `size_km` or `bounds`, or {_WIDER}"
+            f"(limit {_EXTENT_MAX_M / 1e3:.0f} km): state a smaller `size_km` or `bounds_deg`, or {_WIDER}"
         )
 
 

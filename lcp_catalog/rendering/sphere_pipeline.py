@@ -132,7 +132,7 @@ def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
         return request.area.frame, request.area.extent_m
     camera = request.view.camera
     if camera is None:
-        raise AreaError("no area: state `center` and `size_km`, or `bounds`, or a `camera`")
+        raise AreaError("no area: state `center_deg` and `size_km`, or `bounds_deg`, or a `camera`")
     require_above(camera.name, float(sphere_intersection.heights(camera.position_mcmf_m)))
     width, height = camera.image_size_px
     _, middle = sphere_intersection.hits(
@@ -153,7 +153,7 @@ def _cell(gsd_m: float | None) -> float:
 def _drawn(extent: Extent | None) -> Extent:
     if extent is None:
         raise AreaError(
-            "nodes need an area: state `center` and `size_km`, or `bounds`; "
+            "nodes need an area: state `center_deg` and `size_km`, or `bounds_deg`; "
             "or `frame` camera for all that the camera sees"
         )
     return extent

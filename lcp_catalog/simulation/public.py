@@ -121,7 +121,9 @@ def simulate(
     surface: Surface
     if isinstance(source, Catalog) or (isinstance(source, Path | str) and is_catalog(source)):
         if gsd_m is not None or albedo is not None or bounce == "on" or product_order:
-            raise ConfigError("a catalogue has its own cells, albedo and light: state none of them")
+            raise ConfigError(
+                "a catalogue has its own cells and albedo: give it without `gsd_m`, `albedo`, `bounce` and `product_order`"
+            )
         surface = PatchSurface.lit(
             source, sun, seen, light, model=law_of(reflectance), accuracy=tier, disc=disc
         )

@@ -77,7 +77,9 @@ def trade(
         dem, config, center_deg=center_deg, size_km=size_km, bounds_deg=bounds_deg, gsd_m=gsd_m
     )
     if build.levels:
-        raise ConfigError("area.levels_m: the tiers are compared on one cell size: give one")
+        raise ConfigError(
+            "the configuration has several levels, but the tiers are compared on one cell size: give `area.gsd_m`"
+        )
     found = measure_trade(build, areas, rounds, isolated, progress)
     if folder is not None:
         write_trade(found, folder, overwrite)

@@ -210,7 +210,7 @@ def test_noise_is_the_sensors(
         ),
         ([DEM, "-o", "no/such/folder/x.h5", "--center", "3", "26", "--size", "20"], 1, "folder"),
         ([DEM, "-o", "x.h5", "--config", "nowhere.toml"], 1, "nowhere.toml"),
-        ([DEM, "-o", "x.h5", "--sun-elevations", "5,5"], 2, "elevations_deg"),
+        ([DEM, "-o", "x.h5", "--sun-elevations", "5,5"], 2, "--sun-elevations must rise"),
         ([DEM, "-o", "x.h5", "--sun-elevations", "5;6"], 2, "A,B,C"),
         ([DEM, "-o", "x.h5", "--view", "30"], 2, "OFF_NADIR:AZIMUTH"),
         ([DEM, "-o", "x.h5", "--jobs", "0"], 2, "--jobs"),

@@ -112,7 +112,7 @@ def test_tables_and_page_tell_of_the_same_points(place, report) -> None:
     assert sum(row["reason"] == "found" for row in rows) == report["points_found"]
     page = (place / "whole" / "report.html").read_text()
     assert "frame.png" in page
-    assert "with --known-pose" in page  # where a reader would look for the position's error
+    assert "stated to be known" in page  # where a reader would look for the position's error
     assert "http://" not in page.replace("http://www.w3.org", "")
     with open(place / "whole" / "windows.csv", newline="") as file:
         assert len(list(csv.DictReader(file))) == report["windows"]["count"]

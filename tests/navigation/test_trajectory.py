@@ -129,7 +129,7 @@ def test_a_bad_csv_is_one_line(text: str, why: str, cameras: list[Camera], tmp_p
         ("{}", "must be a list of cameras"),
         ("[1]", "camera 1: a camera file holds one JSON object"),
         ("[{}]", "camera 1: lacks position_mcmf_m"),
-        (HEAD + GOOD, "give its camera with --camera"),
+        (HEAD + GOOD, "give its camera with `camera`"),
     ],
 )
 def test_a_bad_list_is_one_line(text: str, why: str, tmp_path: Path) -> None:

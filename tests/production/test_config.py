@@ -63,7 +63,7 @@ def test_toml_keeps_every_value(
         ("[points]\nmax_sigma_px = 1\n", "points.max_sigma_px is replaced by points.min_detection"),
         ("[points]\nmax_second_peak = 1\n", "max_second_peak is replaced by points.min_detection"),
         ("[points]\nmax_false_match = 0\n", "max_false_match is replaced by points.min_detection"),
-        ("[errors]\nsensor_noise = -0.1\n", "errors.sensor_noise must be 0 or above"),
+        ("[errors]\nsensor_noise = -0.1\n", "errors.sensor_noise must be at least 0"),
         ("[errors]\nheight_sigma_m = inf\n", "errors.height_sigma_m must be 0 or above"),
         ("[errors]\nalbedo_length_m = 0\n", "errors.albedo_length_m must be above 0"),
         ("[errors]\nalbedo_sigma = 'map'\n", "errors.albedo_sigma must be a number"),
