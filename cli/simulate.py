@@ -189,7 +189,9 @@ def command(
 
     from lcp_catalog.photometry.colour_map import open_grey_map
     from lcp_catalog.simulation.output import camera_path, encode_camera, encode_frame
-    from lcp_catalog.simulation.public import simulate
+    from lcp_catalog.simulation.public import lone_catalog, simulate
+
+    lone_catalog(source, gsd_m, model.albedo, bounce == "on", product_order)
 
     seen = camera.open(center_deg, altitude_km, plane=True)
     assert seen is not None
@@ -197,7 +199,7 @@ def command(
     beside = str(camera_path(output))
     options.check_outputs(overwrite, output, beside)
     taken = simulate(
-        source[0] if len(source) == 1 else source,
+        source,
         seen,
         sun_azimuth_deg=sun.azimuth_deg,
         sun_elevation_deg=sun.elevation_deg,

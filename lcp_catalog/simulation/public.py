@@ -119,15 +119,12 @@ def simulate(
     tier = accuracy_of(accuracy or ("reference" if tolerance is None else None), tolerance)
     light = Environment.opened(environment)
     surface: Surface
-    if isinstance(source, Catalog) or (isinstance(source, Path | str) and is_catalog(source)):
-        if gsd_m is not None or albedo is not None or bounce == "on" or product_order:
-            raise ConfigError(
-                "a catalogue has its own cells and albedo: give it without `gsd_m`, `albedo`, `bounce` and `product_order`"
-            )
+    of_catalog = lone_catalog(source, gsd_m, albedo, bounce == "on", product_order)
+    if of_catalog is not None:
         surface = PatchSurface.lit(
-            source, sun, seen, light, model=law_of(reflectance), accuracy=tier, disc=disc
+            of_catalog, sun, seen, light, model=law_of(reflectance), accuracy=tier, disc=disc
         )
-    else:
+    elif not isinstance(source, Catalog):
         request = Request(
             dem_paths=dem_paths(source),
             opened=source if isinstance(source, DemSet) else None,
@@ -155,3 +152,19 @@ def simulate(
         for name, content in written.items():
             write_bytes(name, content, overwrite)
     return taken
+
+
+def lone_catalog(source: Dems | Catalog, *of_dems: object) -> Catalog | Path | str | None:
+    """The catalogue that is a source of frames; None for DEMs. ConfigError for a catalogue beside other files, or
+    with a value of ``of_dems``: options that only DEMs have.
+    """
+    files = [source] if isinstance(source, Catalog | DemSet | Path | str) else list(source)
+    first = files[0] if files else None
+    if not (isinstance(first, Catalog) or (isinstance(first, Path | str) and is_catalog(first))):
+        return None
+    if len(files) > 1 or any(of_dems):
+        name = first if isinstance(first, Path | str) else "the source"
+        raise ConfigError(
+            f"{name} is a catalogue: give it alone, without `gsd_m`, `albedo`, `bounce` and `product_order`"
+        )
+    return first

@@ -183,13 +183,13 @@ WRONG = [
     ({}, ["--exposure", "0"], 2, "--exposure"),
     ({}, ["--sun-azimuth", "10"], 2, "go together"),
     ({}, ["--tolerance", "0.1", "--accuracy", "high"], 2, "exclude"),
-    ({}, ["--albedo-reference", "1"], 2, "--albedo MAP"),
+    ({}, ["--albedo-reference", "1"], 2, "needs --albedo"),
     ({"camera": "no_sun.json"}, [], 2, "no Sun"),
     ({"camera": "nothing.json"}, [], 1, "nothing.json"),
     ({"source": "nothing.tif"}, [], 1, "nothing.tif"),
     ({"source": "camera.json"}, [], 1, "camera.json"),
     ({"source": "points.h5"}, ["--gsd", "100"], 2, "catalogue"),
-    ({"source": "points.h5"}, ["--albedo", "map.tif"], 2, "catalogue"),
+    ({"source": "points.h5"}, ["--albedo", DEM], 2, "catalogue"),
 ]
 
 
