@@ -189,7 +189,7 @@ WRONG = [
     ({"source": "nothing.tif"}, [], 1, "nothing.tif"),
     ({"source": "camera.json"}, [], 1, "camera.json"),
     ({"source": "points.h5"}, ["--gsd", "100"], 2, "catalogue"),
-    ({"source": "points.h5"}, ["--albedo", DEM], 2, "catalogue"),
+    ({"source": "points.h5"}, ["--albedo", __file__], 2, "catalogue"),
 ]
 
 
