@@ -18,6 +18,7 @@ from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
 from .integrity import HDF5_ERRORS, ChunkDigests, line_of
+from .layout import LEVELS
 from .model import BLOCK_BYTES
 from .schema import Variable
 from .stored import StoredFile, attributes, group_attributes, read_part, stored_catalog
@@ -137,8 +138,9 @@ def _findings(file: h5py.File, errors: Any) -> Iterator[Finding]:
 
 def _is_axis(name: str, variable: Variable) -> bool:
     """True for variables that are checked whole: coordinates, those of no part, and identifiers."""
-    coordinate = variable.dims == (name.rpartition("/")[2],)
-    return coordinate or variable.dims[0] not in _DIMS.values() or name == "point_id"
+    group, _, short = name.rpartition("/")
+    whole = variable.dims == (short,) or name == "point_id" or group in LEVELS
+    return whole or variable.dims[0] not in _DIMS.values()
 
 
 def _read(

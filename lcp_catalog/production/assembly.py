@@ -143,6 +143,8 @@ class Assembly:
         config, sun, view = self.config, self.config.sun, self.config.view
         spacing_m = _spacing_m(config, self.gsd_m)
         overview = region_overview(self.dems, self.region, self.gsd_m)
+        resolved = _resolved(config, self.region, self.gsd_m, spacing_m, self.model, self.errors)
+        files = self.dems.sources()
         none = np.zeros(0, record_type(config, self.albedo is not None))
         empty = self._values(np.zeros(0, [("lon_deg", "<f8"), ("lat_deg", "<f8")]), none)
         columns: dict[str, Any] = {
@@ -157,10 +159,9 @@ class Assembly:
             view_off_nadir=np.array(view.off_nadir_deg),
             view_azimuth=np.array(view.azimuth_deg),
             view_altitude=np.array(view.altitude_km),
-            config=_resolved(
-                config, self.region, self.gsd_m, spacing_m, self.model, self.errors
-            ).to_toml(),
-            sources=self.dems.sources(),
+            config=resolved.to_toml(),
+            history=f"build of {', '.join(str(one['name']) for one in files)} with {resolved.in_one_line()}",
+            sources=files,
             albedo_map=self.albedo.provenance() if self.albedo else None,
             scene_plan=plan.to_json(),
             errors=self.errors.to_dict() | {"min_detection": config.points.min_detection},

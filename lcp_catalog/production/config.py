@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -741,6 +742,16 @@ class BuildConfig:
                 name: dataclass_of(hints[name], name, table, _REPLACED)
                 for name, table in document.items()
             }
+        )
+
+    def in_one_line(self) -> str:
+        """The keys with other values than by default, and these as JSON: ``area.gsd_m = 236.0; ...``."""
+        usual = dataclasses.asdict(BuildConfig())
+        return "; ".join(
+            f"{section}.{key} = {json.dumps(value)}"
+            for section, table in dataclasses.asdict(self).items()
+            for key, value in table.items()
+            if value is not None and value != usual[section][key]
         )
 
     def to_toml(self) -> str:
