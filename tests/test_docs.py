@@ -135,6 +135,26 @@ def test_every_page_is_in_the_navigation() -> None:
     assert [page for page in pages if page not in navigation] == []
 
 
+def test_the_home_page_links_every_how_to_page_and_both_tutorials() -> None:
+    home = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    linked = set(re.findall(r"\]\(((?:howto|tutorial)/[\w-]+\.md)\)", home))
+    there = {
+        page.relative_to(ROOT / "docs").as_posix()
+        for part in ("howto", "tutorial")
+        for page in (ROOT / "docs" / part).glob("*.md")
+    }
+    assert linked == there
+    assert {page for page in there if f"(docs/{page})" not in readme} == set()
+
+
+def test_the_glossary_is_sorted() -> None:
+    text = (ROOT / "docs" / "reference" / "glossary.md").read_text(encoding="utf-8")
+    terms = re.findall(r"^\*\*(.+?)\*\*.*\n:   \S", text, re.M)
+    assert len(terms) >= 30
+    assert terms == sorted(terms, key=str.lower)
+
+
 def test_the_api_page_documents_every_public_name() -> None:
     import lcp_catalog
 
