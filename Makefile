@@ -46,7 +46,7 @@ wheel: $(READY) ## source distribution and wheel in build/dist
 	$(BIN)/python -m build --outdir build/dist
 
 evidence: $(READY) ## photographs and simulated frames: what is claimed against what happens (LCP_SHARED_DATA: their folder)
-	$(BIN)/python benchmarks/evidence.py --suns
+	$(BIN)/python -m benchmarks.evidence all
 
 bench: $(READY) ## rates of terrain, shadows, rays, light and matching; plans and areas of the whole Moon
 	$(BIN)/python -m benchmarks.speed kernels

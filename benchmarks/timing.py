@@ -37,7 +37,7 @@ def in_turn(
         task()
     times: Times = {name: [] for name in tasks}
     for number in range(rounds):
-        for name in tasks if number % 2 else reversed(tasks):
+        for name in list(tasks)[:: 1 if number % 2 else -1]:
             before()
             times[name].append(seconds(tasks[name], clock))
     return times

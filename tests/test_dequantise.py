@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dequantise import bending, smooth_terraces
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
+
+from benchmarks.evidence.dequantise import bending, smooth_terraces
 
 
 def differences(there: np.ndarray) -> np.ndarray:

@@ -163,7 +163,7 @@ def _told(found: Differences) -> str:
     flags = ", ".join(
         f"{name} {percent(part, 3)}" for name, part in zip(FLAGS, found.flags, strict=True)
     )
-    rows = [
+    rows: list[list[object]] = [
         ["candidates at the same places / only there / only now",
          f"{found.paired} / {found.alone[0]} / {found.alone[1]}"],
         ["candidate-conditions", found.evaluated],

@@ -46,7 +46,7 @@ class Surface:
     def hidden(self, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """True for points (n, 3) from which the direction is blocked."""
         rays = np.ascontiguousarray(np.broadcast_to(direction, points.shape), dtype=np.float32)
-        return self.scene.run(points, rays, query="OCCLUDED") >= 0
+        return np.asarray(self.scene.run(points, rays, query="OCCLUDED")) >= 0
 
 
 def places(field: Any, window: tuple[int, int, int, int] | None = None) -> tuple[Any, Any, Any]:
@@ -94,7 +94,7 @@ class Shader:
     """Radiance of the core's nodes, and that of slopes larger by `SLOPE_STEP`."""
 
     def __init__(self, z: np.ndarray, cell_m: float, law: Any) -> None:
-        down, across = np.gradient(z.astype(np.float64), cell_m)
+        down, across = (np.asarray(s) for s in np.gradient(z.astype(np.float64), cell_m))
         east, south = -across[1:-1, 1:-1], down[1:-1, 1:-1]
         tilts = ((east, south), (east - SLOPE_STEP, south), (east, south + SLOPE_STEP))
         self.normals = [
@@ -119,14 +119,14 @@ def filled(image: np.ndarray, size: int) -> np.ndarray:
     """Missing nodes hold the mean of the valid ones in the box around them."""
     missing = np.isnan(image)
     if not missing.any() or missing.all():
-        return np.nan_to_num(image)
+        return np.asarray(np.nan_to_num(image))
     known, values = (~missing).astype(np.float32), np.nan_to_num(image)
     total, count = (
         cv2.boxFilter(a, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
         for a in (values, known)
     )
     local = np.where(count > 0.5, total / np.maximum(count, 1.0), values.sum() / known.sum())
-    return np.where(missing, local, values).astype(np.float32)
+    return np.asarray(np.where(missing, local, values), np.float32)
 
 
 def blurred(image: np.ndarray, scale: int) -> np.ndarray:
@@ -142,7 +142,7 @@ def optics(scale: int) -> np.ndarray:
 
     def samples(sigma: float) -> np.ndarray:
         kernel = np.exp(-0.5 * (at / sigma) ** 2)
-        return kernel / kernel.sum()
+        return np.asarray(kernel / kernel.sum())
 
     variance = 0.25 + 1.0 / (12.0 * scale**2)
     return samples(brentq(lambda sigma: samples(sigma) @ at**2 - variance, 0.1, 2.0))
@@ -391,7 +391,7 @@ def halved_change(change: np.ndarray, row: int, col: int) -> np.ndarray:
         return np.zeros((size, size), np.float32)
     top, left = 1 + fine % 2 - row % 2, 1 + fine % 2 - col % 2
     part = np.pad(change, 1)[top : top + 2 * size, left : left + 2 * size]
-    return part.reshape(size, 2, size, 2).mean(axis=(1, 3))
+    return np.asarray(part.reshape(size, 2, size, 2).mean(axis=(1, 3)))
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> np.ndarray:

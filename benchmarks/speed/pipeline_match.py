@@ -29,7 +29,7 @@ RING = np.unique(np.rint(3.0 * np.stack([np.cos(TURNS), np.sin(TURNS)], 1)).asty
 def windows(image: np.ndarray, rows: np.ndarray, cols: np.ndarray, half: int) -> np.ndarray:
     """The squares around nodes that lie at least ``half`` nodes inside the image, (n, p, p)."""
     views = np.lib.stride_tricks.sliding_window_view(image, (2 * half + 1, 2 * half + 1))
-    return views[rows - half, cols - half]
+    return np.asarray(views[rows - half, cols - half])
 
 
 # -- rivals
@@ -254,4 +254,5 @@ def _on_top(match: Match, found: Searched, level: np.ndarray, own: np.ndarray) -
     apart = np.einsum("ka,nab,kb->nk", RING, match.slope_noise, RING) / power[:, None]
     apart = np.maximum(np.minimum(apart, variance[:, None] + spread), LEAST_VARIANCE)
     margin = (mean[:, None] - there) / np.sqrt(apart)
-    return ndtr(np.where(np.isfinite(margin), margin, np.inf).min(axis=1))
+    least = np.where(np.isfinite(margin), margin, np.inf).min(axis=1)
+    return np.asarray(ndtr(least))

@@ -40,7 +40,7 @@ def usable(whole: Catalog) -> Catalog:
     """The points usable under every Sun and view."""
     condition = np.full(whole.condition.shape, USABLE, np.uint8)
     lowest, highest = summarise_usable(condition, whole.sun_elevation)
-    likely = np.full(np.shape(whole.detection_probability), 0.98, np.float32)
+    likely = np.full_like(whole.detection_probability, 0.98, np.float32)
     return dataclasses.replace(
         whole,
         condition=condition,

@@ -200,7 +200,7 @@ def on_sphere(origin, ray, radius_m=MOON_M):
     return origin + (-b - np.sqrt(inside)) * ray if inside > 0 else np.full(3, np.nan)
 
 
-def isd_of_cube(path, tables, lines, samples):
+def isd_of_cube(path: Path, tables: Any, lines: int, samples: int) -> dict[str, Any]:
     """An ISD document of an LRO NAC cube (cropped) with the tables that ISIS's spiceinit attached:
     from its label and the constants of the instrument kernels (lro_lroc_v18.ti,
     lro_instrumentAddendum_v04.ti).

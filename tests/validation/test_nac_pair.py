@@ -11,10 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from dequantise import smooth_terraces
 from helpers import pit_pair as pit
 from helpers.small_world import mirrored
 
+from benchmarks.evidence.dequantise import smooth_terraces
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.geometry.frames import azimuth_elevation

@@ -1,12 +1,10 @@
 """Every public photograph at hand in one table and on one page: located or not, windows, claims, metres; figure 4 of the paper.
 
-    make evidence
-    .venv/bin/python benchmarks/evidence.py [-o build/evidence] [--data FOLDER] [--only NAME ...] [--suns]
+    python -m benchmarks.evidence photographs [-o FOLDER] [--data FOLDER] [--only NAME ...]
 
 The photographs are not in the repository: `--data` or the environment variable LCP_SHARED_DATA names their folder. Written are
-`evidence.html` (table, pictures and histograms), `evidence.md` (the tables of docs/measurements/evidence.md) and the pictures.
-Catalogues and finished photographs are kept in the folder and used again. `--suns` adds the measurement of wrong Suns
-(`evidence_suns.py`). About 10 minutes of one core; as much again with `--suns`.
+`evidence.html` (table, pictures, histograms, reliability diagrams), `evidence.md` (the tables of docs/measurements/evidence.md) and
+the pictures. Catalogues and finished photographs are kept in the folder and used again. About 10 minutes of one core.
 """
 
 from __future__ import annotations
@@ -14,27 +12,25 @@ from __future__ import annotations
 import argparse
 import html
 import json
-import os
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "benchmarks")]
-for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
-
 import cv2
 import numpy as np
-from claims import shared_data
-from claims_photographs import ALBEDO
-from evidence_cases import NEEDED, Case, cases
 from markupsafe import Markup
+from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning
 
+from benchmarks.evidence.cases import Case, chosen
+from benchmarks.evidence.catalogues import ALBEDO, LAW
+from benchmarks.evidence.scores import STYLE, arrays, bins_table, diagrams, kept, scores_table
+from benchmarks.markdown import table
+from benchmarks.places import OUTPUT, shared_data
+from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import LcpError
@@ -45,24 +41,20 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.plots.axes import Axes, Axis, round_ticks
 from lcp_catalog.plots.numbers import typeset
 from lcp_catalog.plots.pictures import grey, shrunk
+from lcp_catalog.validation.claims import Claims
 from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
 from lcp_catalog.validation.report_pictures import COLOURS, correlation_class
 from lcp_catalog.validation.result import ImageVerdict, plain
 from lcp_catalog.validation.run import Validation, run_validation
 from lcp_catalog.validation.window_correlation import WindowComparison
 
-LAW = "lunar-lambert"
 PAPER = {"a": (0.89, 0.985), "b": (0.84, 0.985)}
 """Share of windows above 0.9 and mode, Pivovarchuk et al. (2026), figure 4: a, the image reduced to the cells of the DEM; b, image
 and render on cells finer than the DEM's."""
 SHARE = 0.9
+Picture = NDArray[np.uint8]
 BIN, LOWEST = 0.01, -0.2
 PICTURE_PX = 300
-STYLE = (
-    "svg{background:#fff;font:13px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
-    ".middle{text-anchor:middle}.end{text-anchor:end}.bar{fill:#8aa8cf}.high{fill:#1f5fbf}"
-    ".paper{fill:none;stroke:#c05a00;stroke-width:1.5;stroke-dasharray:5 3}.note{fill:#c05a00}.own{fill:#1f5fbf}"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +63,10 @@ class Row:
 
     name: str
     figures: dict[str, Any]
-    coarse: np.ndarray  # (n,) at the DEM's resolution
-    fine: np.ndarray  # (m,) on cells finer than the DEM's; empty where there are none
+    kind: str
+    coarse: Array  # (n,) at the DEM's resolution
+    fine: Array  # (m,) on cells finer than the DEM's; empty where there are none
+    claims: Claims
     picture: Path | None
 
 
@@ -82,35 +76,37 @@ class Row:
 def judged(case: Case, data: Path, folder: Path) -> Row:
     """The row of a case; from the folder if it is finished there."""
     stem = "_".join("".join(c for c in case.name if c not in "(),").split())
-    figures, arrays = folder / f"{stem}.json", folder / f"{stem}.npz"
+    figures, pixels = folder / f"{stem}.json", folder / f"{stem}.npz"
     picture = folder.parent / "pictures" / f"{stem}.jpg"
     if not figures.exists():
-        found, coarse, fine, drawn = _validated(case, data)
+        found, coarse, fine, claims, drawn = _validated(case, data)
         if drawn is not None:
             picture.parent.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(picture), drawn)
-        np.savez(arrays, coarse=coarse, fine=fine)
+        np.savez(pixels, coarse=coarse, fine=fine, **arrays(claims))
         figures.write_text(json.dumps(plain(found), indent=1), encoding="utf-8")
         print(f"{case.name}: {found['verdict']}", file=sys.stderr, flush=True)
-    with np.load(arrays) as saved:
+    with np.load(pixels) as saved:
         return Row(
             case.name,
             json.loads(figures.read_text(encoding="utf-8")),
+            case.kind,
             saved["coarse"],
             saved["fine"],
+            kept(saved),
             picture if picture.exists() else None,
         )
 
 
 def _validated(
     case: Case, data: Path
-) -> tuple[dict[str, Any], np.ndarray, np.ndarray, np.ndarray | None]:
-    """Figures, correlations at and below the resolution, and the picture."""
+) -> tuple[dict[str, Any], Array, Array, Claims, Picture | None]:
+    """Figures, correlations at and below the resolution, claims, and the picture."""
     catalog = case.catalog()
     head = {"licence": case.licence, "truth": case.truth, "off_m": None}
     nothing = np.empty(0)
     if catalog is None:
-        return head | {"verdict": "no catalogue"}, nothing, nothing, None
+        return head | {"verdict": "no catalogue"}, nothing, nothing, Claims.none(), None
     albedo = AlbedoMap.open(data / ALBEDO, "linear") if case.albedo else None
     request = Validation(
         catalog,
@@ -127,21 +123,21 @@ def _validated(
     figures = head | verdict.figures()
     if verdict.pose is not None and case.off_m is not None:
         figures["off_m"] = case.off_m(verdict.pose.pose)
-    if verdict.windows is None:
-        return figures, nothing, nothing, None
-    w = verdict.windows.compared
     shown = result.pictures[0]
+    if verdict.windows is None or shown.ground_image is None or shown.ground_render is None:
+        return figures, nothing, nothing, verdict.claims, None
+    w = verdict.windows.compared
     drawn = picture(shown.ground_image, shown.ground_render, w)
-    return figures, w.correlation, _fine(case, verdict, albedo), drawn
+    return figures, w.correlation, _fine(case, verdict, albedo), verdict.claims, drawn
 
 
-def _fine(case: Case, verdict: ImageVerdict, albedo: AlbedoMap | None) -> np.ndarray:
+def _fine(case: Case, verdict: ImageVerdict, albedo: AlbedoMap | None) -> Array:
     """Correlations on cells of half the DEM's posting, or of the image's pixel if that is larger; empty where these are not
     finer than two thirds of the cells before.
     """
     dems = DemSet.open([case.dem])
     cell_m = max(0.5 * dems.dems[0].gsd_m, verdict.facts.pixel_m)
-    if not (verdict.pose and cell_m < 0.66 * verdict.windows.compared.gsd_m):
+    if not (verdict.pose and verdict.windows and cell_m < 0.66 * verdict.windows.compared.gsd_m):
         return np.empty(0)
     files = case.files
     sensor = read_sensor(files.camera, image_shape(files.image)) if files.camera else None
@@ -158,7 +154,7 @@ def _fine(case: Case, verdict: ImageVerdict, albedo: AlbedoMap | None) -> np.nda
 # -- drawings
 
 
-def picture(image: np.ndarray, render: np.ndarray, windows: WindowComparison) -> np.ndarray:
+def picture(image: Array, render: Array, windows: WindowComparison) -> Picture:
     """Image, render and map of correlations beside each other, BGR; every photograph is as high."""
     scale = PICTURE_PX / image.shape[0]
     seen, model = (shrunk(values) for values in (image, render))
@@ -168,24 +164,27 @@ def picture(image: np.ndarray, render: np.ndarray, windows: WindowComparison) ->
     panels.append(np.where(np.isfinite(values)[..., None], colours, 255).astype(np.uint8))
     size = max(1, round(image.shape[1] * scale)), PICTURE_PX
     how = [cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC] * 2 + [cv2.INTER_NEAREST]
-    panels = [cv2.resize(p, size, interpolation=h) for p, h in zip(panels, how, strict=True)]
+    panels = [
+        np.asarray(cv2.resize(p, size, interpolation=h), np.uint8)
+        for p, h in zip(panels, how, strict=True)
+    ]
     gap = np.full((PICTURE_PX, 6, 3), 255, np.uint8)
     return np.hstack([panels[0], gap, panels[1], gap, panels[2]])
 
 
-def _on_white(pixels: np.ndarray) -> np.ndarray:
+def _on_white(pixels: Picture) -> Picture:
     """BGR of grey and opacity (rows, cols, 2)."""
     return np.repeat(np.where(pixels[..., 1:] > 0, pixels[..., :1], 255), 3, axis=-1)
 
 
-def figures_of(correlation: np.ndarray) -> WindowComparison:
+def figures_of(correlation: Array) -> WindowComparison:
     """The windows' correlations alone, for share and mode."""
     none = np.zeros(len(correlation), np.int64)
     flat = np.ones(len(correlation))
     return WindowComparison(16, 16, 1.0, none, none, correlation, flat, flat, "kept")
 
 
-def histogram(correlation: np.ndarray, part: str, title: str) -> Markup:
+def histogram(correlation: Array, part: str, title: str) -> Markup:
     """Figure 4 again: share of the windows over their correlation, and the paper's mode and share."""
     edges = np.arange(LOWEST, 1.0 + BIN / 2, BIN)
     counts, _ = np.histogram(np.clip(correlation, LOWEST, 1.0), edges)
@@ -222,13 +221,9 @@ def histogram(correlation: np.ndarray, part: str, title: str) -> Markup:
 
 
 HEAD = (
-    "| photograph | Sun, deg | pixel, m | result | points found | off, m (stated) | windows | > 0.9 | > 0.7 | mode | "
-    "usable points found | Brier (of the mean) |\n"
-    + "| --- |"
-    + " ---: |" * 2
-    + " --- |"
-    + " ---: |" * 8
-)
+    "photograph", "Sun, deg", "pixel, m", "result", "points found", "off, m (stated)", "windows", "> 0.9", "> 0.7", "mode",
+    "usable points found", "Brier (of the mean)",
+)  # fmt: skip
 
 
 def cells(row: Row) -> list[str]:
@@ -264,23 +259,23 @@ def _or_none(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def table(rows: Iterable[Row]) -> str:
-    return "\n".join([HEAD, *(f"| {' | '.join(cells(row))} |" for row in rows)]) + "\n"
-
-
 def figure_4(rows: Iterable[Row]) -> str:
     """Share above 0.9 and mode beside the paper's; maps are left out, whose pixels are no finer than the DEM."""
-    lines = [
-        "| | windows, at the DEM's resolution | > 0.9 | mode | windows, finer than the DEM | > 0.9 | mode |",
-        "| --- |" + " ---: |" * 6,
-        "| Pivovarchuk et al. (2026), figure 4 | - | 89 % | 0.985 | - | 84 % | 0.985 |",
-    ]
+    lines = [["Pivovarchuk et al. (2026), figure 4", "-", "89 %", "0.985", "-", "84 %", "0.985"]]
     for row in rows:
         found = [figures_of(row.coarse), figures_of(row.fine)]
-        if found[1].count:
-            parts = [f"{w.count} | {w.share_above(SHARE):.0%} | {w.mode:.3f}" for w in found]
-            lines.append(f"| {row.name} | {' | '.join(parts)} |")
-    return "\n".join(lines) + "\n"
+        parts = [[str(w.count), f"{w.share_above(SHARE):.0%}", f"{w.mode:.3f}"] for w in found]
+        lines.append([row.name, *parts[0], *parts[1]])
+    head = [
+        "",
+        "windows, at the DEM's resolution",
+        "> 0.9",
+        "mode",
+        "windows, finer than the DEM",
+        "> 0.9",
+        "mode",
+    ]
+    return table(head, lines) + "\n"
 
 
 def failures(rows: Iterable[Row]) -> str:
@@ -313,15 +308,16 @@ text-align:right}td{white-space:nowrap}td:first-child,th:first-child{text-align:
 
 
 def page(rows: list[Row], folder: Path, more: Iterable[str]) -> str:
-    """A page with the table, and picture and histograms of each photograph, those that failed first. ``more``: Markdown
-    that follows (figure 4, wrong Suns).
+    """A page with the table, reliability diagrams, and picture and histograms of each photograph, those that failed first.
+    ``more``: Markdown that follows.
     """
     lines = [
         "<!doctype html><html lang='en'><meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
         f"<title>Photographs</title><style>{PAGE_STYLE}</style><h1>Every photograph</h1>",
         as_html(summary(rows)),
         as_html(LEGEND),
-        as_html(table(rows)),
+        as_html(table(HEAD, map(cells, rows))),
+        diagrams(by_kind(rows)),
         as_html(PANELS),
     ]
     for row in sorted(rows, key=lambda row: row.figures["verdict"] == "located"):
@@ -386,45 +382,32 @@ def drawings(row: Row) -> dict[str, Markup]:
     }
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=ROOT / "build" / "evidence")
+def by_kind(rows: list[Row]) -> dict[str, list[Claims]]:
+    """Claims of the photographs of each kind."""
+    kinds = dict.fromkeys(row.kind for row in rows)
+    return {kind: [row.claims for row in rows if row.kind == kind] for kind in kinds}
+
+
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.evidence photographs", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("-o", "--output", type=Path, default=OUTPUT.parent / "evidence")
     parser.add_argument("--data", type=Path, default=shared_data())
     parser.add_argument("--only", nargs="*", default=[""], help="names that begin so")
-    parser.add_argument("--suns", action="store_true", help="measure wrong Suns, too")
-    asked = parser.parse_args()
-    missing = [name for name in NEEDED if not (asked.data / name).exists()]
-    if missing:
-        sys.exit(
-            f"evidence: {asked.data}: has no {', '.join(missing)}: give the folder of the lunar data by --data or LCP_SHARED_DATA"
-        )
+    asked = parser.parse_args(words)
     warnings.filterwarnings("ignore", category=NotGeoreferencedWarning)
     folder = asked.output / "rows"
     folder.mkdir(parents=True, exist_ok=True)
-    chosen = [
-        case
-        for case in cases(asked.data, asked.output / "catalogues")
-        if case.name.startswith(tuple(asked.only))
-    ]
-    rows = [judged(case, asked.data, folder) for case in chosen]
-    both = [row for row in rows if len(row.fine)]
+    some = chosen(asked.data, asked.output / "catalogues", asked.only)
+    rows = [judged(case, asked.data, folder) for case in some]
+    both, claims = [row for row in rows if len(row.fine)], by_kind(rows)
     (asked.output / "figure_4.svg").write_text(sheet(both), encoding="utf-8")
-    parts = [summary(rows), table(rows), "Not located:\n", failures(rows)]
-    more = ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
-    _write(asked.output, rows, parts, more)
-    if asked.suns:
-        from evidence_suns import report
-
-        more += ["Suns wrong by 10 deg:\n", report(chosen, asked.data, asked.output / "suns")]
-        _write(asked.output, rows, parts, more)
-    print("\n".join([*parts, *more]))
-
-
-def _write(folder: Path, rows: list[Row], parts: list[str], more: list[str]) -> None:
-    """The tables as Markdown, and the page."""
-    (folder / "evidence.md").write_text("\n".join([*parts, *more]), encoding="utf-8")
-    (folder / "evidence.html").write_text(page(rows, folder, more), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    parts = [summary(rows), table(HEAD, map(cells, rows)), "\nNot located:\n", failures(rows)]
+    more = ["Claims by kind:\n", scores_table(claims), "", bins_table(claims), ""]
+    more += ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
+    text = "\n".join([*parts, *more])
+    (asked.output / "evidence.md").write_text(text, encoding="utf-8")
+    (asked.output / "evidence.html").write_text(page(rows, asked.output, more), encoding="utf-8")
+    print(text)
+    return 0

@@ -1,4 +1,4 @@
-"""The photographs of `evidence.py`: their files, cameras, Suns, DEMs and catalogues.
+"""The photographs: their files, cameras, Suns, DEMs and catalogues.
 
 A case says what the validation is told. Apollo 15 frames get a camera 5 km and 0.5 deg from the one that is known, in random
 directions; maps get an uncertainty larger than the displacement of their control net.
@@ -7,21 +7,19 @@ directions; maps get an uncertainty larger than the displacement of their contro
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import rasterio
-from claims_photographs import ALBEDO, SERIES_TOML, Build, built, opened, to_sun
-from dequantise import smooth_terraces
-from helpers import apollo_maps, located_frames, pit_pair
-from helpers.apollo_frames import SERIES, series_keys
-from helpers.twins_isd import isd_of_cube
 from lcp_cli.main import run
 
+from benchmarks.evidence.catalogues import ALBEDO, SERIES_TOML, Build, built, opened, to_sun
+from benchmarks.evidence.dequantise import smooth_terraces
 from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Image
@@ -29,6 +27,9 @@ from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.pose import Pose, position_error
 from lcp_catalog.validation.run import ImageFiles
+from tests.helpers import apollo_maps, located_frames, pit_pair
+from tests.helpers.apollo_frames import SERIES, series_keys
+from tests.helpers.twins_isd import isd_of_cube
 
 HADLEY = "apollo15-metric-hadley"
 NEEDED = (
@@ -60,7 +61,9 @@ PIT_APART_M = 2.0
 
 @dataclass(frozen=True)
 class Case:
-    """A photograph: its files, what is said of it, the DEM, and the catalogue (a function that builds it)."""
+    """A photograph: its files, what is said of it, the DEM, the catalogue (a function that builds it), and the kind under which
+    its claims are scored.
+    """
 
     name: str
     files: ImageFiles
@@ -68,11 +71,22 @@ class Case:
     dem: Path
     catalog: Callable[[], Path | None]
     licence: str
+    kind: str
     sun: SunChoice = field(default_factory=SunChoice)
     albedo: bool = True
     encoding: str = "srgb"
     off_m: Callable[[Pose], float] | None = None  # distance from the known place
     truth: str = ""  # what that place is
+
+
+def chosen(data: Path, folder: Path, only: Sequence[str] = ("",)) -> list[Case]:
+    """Photographs whose names begin with one of the words. SystemExit if files are missing."""
+    missing = [name for name in NEEDED if not (data / name).exists()]
+    if missing:
+        raise SystemExit(
+            f"{data}: has no {', '.join(missing)}: give the folder of the lunar data by --data or LCP_SHARED_DATA"
+        )
+    return [case for case in cases(data, folder) if case.name.startswith(tuple(only))]
 
 
 def cases(data: Path, folder: Path) -> Iterator[Case]:
@@ -105,7 +119,7 @@ def close_up(data: Path, folder: Path) -> Iterator[Case]:
     files = ImageFiles(place / "sub4-AS15-M-1134_crop.png", known)
     photo = open_image(files.image, read_camera(known))
     dem = place / located_frames.HADLEY.dem
-    build = Build(237.0, None, 4.0)
+    build = Build(237.0, 4.0)
     far = _displaced(data, folder, "AS15-M-1134 crop (5 km)", photo, files, dem, build)
     yield far
     yield replace(
@@ -116,11 +130,11 @@ def close_up(data: Path, folder: Path) -> Iterator[Case]:
 def _displaced(
     data: Path, folder: Path, name: str, photo: Image, files: ImageFiles, dem: Path, build: Build
 ) -> Case:
-    known = photo.sensor
+    known, other = photo.sensor, located_frames.displaced(photo, 0).sensor
+    if not (isinstance(known, Camera) and isinstance(other, Camera)):
+        raise TypeError(f"{name}: not the frame of a camera")
     camera = folder / f"{files.image.stem}_displaced_camera.json"
-    told = replace(
-        located_frames.displaced(photo, 0).sensor, sun_position_mcmf_m=known.sun_position_mcmf_m
-    )
+    told = replace(other, sun_position_mcmf_m=known.sun_position_mcmf_m)
     camera.write_text(json.dumps(told.to_json()), encoding="utf-8")
     path = folder / f"{files.image.stem}.h5"
     return Case(
@@ -128,8 +142,9 @@ def _displaced(
         ImageFiles(files.image, camera),
         FAR,
         dem,
-        lambda: built(path, photo, dem, data, build)[0],
+        lambda: built(path, photo, dem, data, build),
         NASA,
+        "Apollo 15 frames",
         off_m=lambda pose: position_error(pose, known).error.whole_m,
         truth="position of NASA's table",
     )
@@ -146,8 +161,9 @@ def mapped(data: Path, folder: Path, name: str) -> Case:
         files,
         apollo_maps.UNCERTAIN,
         dem,
-        lambda: built(folder / "series.h5", photo, dem, data, Build())[0],
+        lambda: built(folder / "series.h5", photo, dem, data, Build()),
         APOLLO_16,
+        "Apollo 16 maps",
         SunChoice(subsolar_deg=_subsolar(photo)),
         off_m=lambda pose: float(np.linalg.norm(pose.correction - net)),
         truth="median of the series, whose own spread is 300 m",
@@ -173,6 +189,7 @@ def terminator(data: Path, folder: Path) -> Case:
         dem,
         partial(_command, folder / f"{name}.h5", dem, options),
         APOLLO_16,
+        "Apollo 16 maps",
         SunChoice(subsolar_deg=_subsolar(photo)),
     )
 
@@ -190,8 +207,9 @@ def pit(data: Path, folder: Path) -> Iterator[Case]:
     place = data / pit_pair.PAIR
     dem = folder / "pit_dtm.tif"
     if not dem.exists():
-        heights, *like = pit_pair.dtm(place)
-        pit_pair.write_dem(dem, smooth_terraces(heights, pit_pair.STEP_M).heights_m, like)
+        heights, crs, transform = pit_pair.dtm(place)
+        smooth = smooth_terraces(heights, pit_pair.STEP_M).heights_m
+        pit_pair.write_dem(dem, smooth, (crs, transform))
     config = folder / "pit.toml"
     config.write_text(PIT_TOML, encoding="utf-8")
     options = [*PIT_OPTIONS, "--config", str(config)]
@@ -202,6 +220,7 @@ def pit(data: Path, folder: Path) -> Iterator[Case]:
         dem,
         partial(_command, folder / "pit.h5", dem, options),
         "NASA/GSFC/Arizona State University; files: gazebo_models, CC BY 3.0",
+        "NAC",
         pit_pair.pit_sun(place),
         albedo=False,
         encoding="linear",
@@ -234,6 +253,7 @@ def calibrated_crop(data: Path, folder: Path) -> Case:
         dem,
         partial(_command, folder / "bruno.h5", dem, options),
         "NASA/GSFC/Arizona State University; file: USGS ISIS, CC0",
+        "NAC",
         SunChoice(time_utc="2010-11-09T13:06:46"),
         albedo=False,
         encoding="linear",

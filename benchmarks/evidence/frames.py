@@ -1,0 +1,261 @@
+"""Simulated frames: an independent renderer sees a clone of the DEM, with height errors, unmapped brightness and noise as the
+catalogue's error model states them.
+
+    python -m benchmarks.evidence frames [-o FOLDER] [--data FOLDER] [--frames 200]
+
+`lcp build-catalog` builds a catalogue of each site from the DEM as it is. A frame looks at a random place of it from a random
+direction under a random Sun that can stand there, in pixels of 0.9 to 2 cells. Embree traces it over a new clone
+(`tests/helpers/dem_clones.py`). Every point in view is searched for from the true camera, within the search radius of the build.
+Then the frame is offered from a place and an attitude that are a little wrong, and located: the squared error of the position over
+the covariance that `lcp query` states before is 3 in the mean if that covariance is true. Finished frames are kept in the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from lcp_cli.main import run
+
+from benchmarks.evidence.scores import arrays, bins_table, kept, scores_table, write_diagrams
+from benchmarks.markdown import table
+from benchmarks.places import OUTPUT, shared_data
+from lcp_catalog.arrays import Array, Index, Mask
+from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.hdf5 import open_catalog
+from lcp_catalog.images.image import Image
+from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.position_fix import locate
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.validation.claim_trials import ClaimSearch
+from lcp_catalog.validation.claims import Claims
+from tests.helpers.closed_loops import Draw, Shot, Site, embree_frame
+from tests.helpers.dem_clones import Errors, clone
+from tests.helpers.embree_camera import Ground
+from tests.helpers.embree_mesh import Nodes, mcmf, read_nodes
+from tests.helpers.posed import turned
+
+LAW = "lommel-seeliger"  # that of the independent renderer
+BITS = 12
+SEED = 14
+SMOOTH_TOML = (
+    "[errors]\nshadow_shift = 0.0\n"  # the ground has no relief that the DEM's cells do not show
+)
+MARGIN = 1.2
+"""Half the patch, times this, lies between a point that counts and the frame's border: patches are turned and foreshortened."""
+REACH_M = 190e3  # of the mesh around a site's centre
+BEFORE = Uncertainty(2000.0, float(np.radians(0.1)))
+"""What is known of the camera before: 1 sigma of each axis of its place and attitude."""
+INSIDE_95 = 7.8147  # 95th percentile of chi-square with three degrees of freedom
+PIXEL_BINS = (0.9, 1.1, 1.5, 2.0)
+SUN_BINS = (5, 10, 15, 20, 30, 37.5, 52.5, 65)
+
+
+@dataclass(frozen=True)
+class Place:
+    """The DEM of a site, and the area of its catalogue."""
+
+    dem: str  # in the shared data
+    center_deg: tuple[float, float]
+    size_km: float = 110.0
+    gsd_m: float = 474.0
+    spacing_km: float = 8.0
+
+
+PLACES = {
+    "descartes": Place(
+        "images/apollo16-metric-series/gld100_064ppd_lat-16_-02_lon-01_020.tif", (9.5, -9.0)
+    ),
+    "farside": Place(
+        "images/apollo15-metric-farside/gld100_064ppd_lat-28_-13_lon132-155.tif", (143.5, -20.5)
+    ),
+}
+DRAW = Draw(
+    fov_deg=(10.0, 40.0),
+    off_nadir_deg=(0.0, 30.0),
+    sun_elevation_deg=(5.0, 65.0),
+    pixel_cells=(0.9, 2.0),
+    size_px=256,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame: how it was taken, the claims with their trials, the covariance of its position that is stated before
+    (m^2, MCMF, NaN: none), and the error of the solved position (NaN: not located).
+    """
+
+    site: str
+    shot: Shot
+    claims: Claims
+    covariance: Array  # (3, 3)
+    error_m: Array  # (3,)
+
+    @property
+    def squared(self) -> float:
+        """Squared error over the stated covariance, three degrees of freedom; NaN without either."""
+        return float(self.error_m @ np.linalg.solve(self.covariance, self.error_m))
+
+
+def work(folder: Path, data: Path, count: int) -> list[Frame]:
+    """So many frames over all sites in turn; those in the folder are kept."""
+    folder.mkdir(parents=True, exist_ok=True)
+    frames: list[Frame] = []
+    for k, (name, place) in enumerate(PLACES.items()):
+        own = count // len(PLACES) + (k < count % len(PLACES))
+        if own:
+            frames += _of_site(folder, data, name, place, own)
+    return frames
+
+
+def _of_site(folder: Path, data: Path, name: str, place: Place, count: int) -> list[Frame]:
+    dem = data / place.dem
+    catalog = open_catalog(built(folder / f"{name}.h5", dem, place))
+    nodes: Nodes | None = None
+    frames = []
+    for shot, camera in Site(name, dem, catalog).shots(count, SEED, DRAW):
+        path = folder / f"{name}-{shot.number}.npz"
+        if not path.exists():
+            nodes = nodes or read_nodes(dem, *place.center_deg, REACH_M)
+            photo = taken(catalog, nodes, place, shot, camera)
+            stated, error = _positioned(catalog, photo, camera, shot.number)
+            claims = arrays(_tried(catalog, photo, camera))
+            beside = path.with_suffix(".part.npz")
+            np.savez(beside, shot=json.dumps(asdict(shot)), stated=stated, error=error, **claims)
+            beside.rename(path)
+            print(path.name, flush=True)
+        frames.append(_kept(path, name))
+    return frames
+
+
+def built(path: Path, dem: Path, place: Place) -> Path:
+    """The catalogue of a site, built by the command unless it is there."""
+    if not path.exists():
+        centre = [str(v) for v in place.center_deg]
+        where = ["--center", *centre, "--size", str(place.size_km), "--gsd", str(place.gsd_m)]
+        how = ["--spacing", str(place.spacing_km), "--reflectance", LAW, "--jobs", "2"]
+        config = path.with_suffix(".toml")
+        config.write_text(SMOOTH_TOML, encoding="utf-8")
+        words = ["build-catalog", str(dem), "-o", str(path), *where, *how, "--config", str(config)]
+        if run(words):
+            raise SystemExit(f"{path.name}: the build failed")
+    return path
+
+
+def taken(catalog: Catalog, nodes: Nodes, place: Place, shot: Shot, camera: Camera) -> Image:
+    """A frame of a new clone by the independent renderer."""
+    model = catalog.errors
+    errors = Errors(*(float(model[k]) for k in Errors.__dataclass_fields__))
+    surface, brightness = clone(nodes, errors, np.random.default_rng([SEED, shot.number]))
+    ground = Ground(surface, mcmf(*place.center_deg), brightness)
+    snr = 1.0 / float(model["sensor_noise"])
+    return embree_frame(ground, camera, snr, BITS, samples=2, seed=shot.number)
+
+
+def _tried(catalog: Catalog, photo: Image, camera: Camera) -> Claims:
+    """Claims on the points whose patches are whole, searched for from the true camera."""
+    rows = points_in_view(catalog, photo.sensor)
+    rows = rows[_whole(catalog, camera, rows)]
+    search = ClaimSearch(catalog, photo, reflectance_model(LAW), Criteria(), photo.sensor)
+    return search.claims(rows, searched=True)
+
+
+def _positioned(catalog: Catalog, photo: Image, camera: Camera, number: int) -> tuple[Array, Array]:
+    """The covariance of the position that is stated before, and the error of the solved one."""
+    query = Query(attitude_sigma_rad=BEFORE.attitude_rad)
+    (answer,) = answers(catalog, [PlannedImage.lit(camera, SunChoice())], query)
+    stated = answer.position.position_covariance_m2
+    dice = np.random.default_rng([SEED, 1, number])
+    wrong = replace(
+        camera,
+        position_mcmf_m=camera.position_mcmf_m + dice.normal(0.0, BEFORE.position_m, 3),
+        rotation_mcmf_to_camera=turned(dice.normal(0.0, BEFORE.attitude_rad, 3))
+        @ camera.rotation_mcmf_to_camera,
+    )
+    fix = locate(catalog, photo.with_sensor(wrong), BEFORE, reflectance_model(LAW))
+    error = np.full(3, np.nan)
+    if fix.pose is not None:
+        error = fix.pose.position_mcmf_m - camera.position_mcmf_m
+    return np.full((3, 3), np.nan) if stated is None else stated, error
+
+
+def _whole(catalog: Catalog, camera: Camera, rows: Index) -> Mask:
+    """True for points whose whole patch lies in the frame."""
+    places = catalog.position_mcmf[rows]
+    half = 0.5 * MARGIN * catalog.patch_nodes * catalog.gsd[rows] / pixel_size_m(camera, places)
+    pixels, last = camera.project(places), np.array(camera.shape[::-1]) - 1.0
+    inside = (pixels > half[:, None]) & (pixels < last - half[:, None])
+    return np.asarray(inside.all(axis=1))
+
+
+def _kept(path: Path, site: str) -> Frame:
+    with np.load(path) as saved:
+        shot = Shot(**json.loads(str(saved["shot"])))
+        return Frame(site, shot, kept(saved), saved["stated"], saved["error"])
+
+
+# -- tables
+
+
+def groups_of(frames: list[Frame]) -> dict[str, list[Frame]]:
+    """All frames, and those of each site, Sun and size of the pixel."""
+    groups = {"all": frames}
+    groups |= {site: [f for f in frames if f.site == site] for site in PLACES}
+    for low, high in pairwise(SUN_BINS):
+        here = [f for f in frames if low <= f.shot.sun_elevation_deg < high]
+        groups[f"Sun {low:g}..{high:g} deg"] = here
+    for low, high in pairwise(PIXEL_BINS):
+        cells = [(f, f.shot.pixel_m / PLACES[f.site].gsd_m) for f in frames]
+        groups[f"pixel {low:g}..{high:g} cells"] = [f for f, size in cells if low <= size < high]
+    return {name: some for name, some in groups.items() if some}
+
+
+def positions_table(groups: dict[str, list[Frame]]) -> str:
+    """Stated covariances against errors of the positions."""
+    rows = []
+    for name, some in groups.items():
+        judged = [f for f in some if np.isfinite(f.squared)]
+        squared = np.array([f.squared for f in judged])
+        errors = [float(np.linalg.norm(f.error_m)) for f in judged]
+        stated = [float(np.sqrt(np.trace(f.covariance))) for f in judged]
+        located = sum(bool(np.isfinite(f.error_m).all()) for f in some)
+        expected = sum(bool(np.isfinite(f.covariance).all()) for f in some)
+        cells = ["-"] * 4
+        if judged:
+            inside = np.mean(squared <= INSIDE_95)
+            cells = [
+                f"{squared.mean() / 3.0:.2f}",
+                f"{inside:.2f}",
+                f"{np.median(errors):.0f}",
+                f"{np.median(stated):.0f}",
+            ]
+        rows.append([name, len(some), expected, located, *cells])
+    head = ["", "frames", "with a stated position", "located", "squared error / 3", "within 95 %"]
+    return table([*head, "error, m (median)", "stated, m (median)"], rows)
+
+
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser("python -m benchmarks.evidence frames", description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, default=OUTPUT.parent / "evidence" / "frames")
+    parser.add_argument("--data", type=Path, default=shared_data())
+    parser.add_argument("--frames", type=int, default=200)
+    asked = parser.parse_args(words)
+    groups = groups_of(work(asked.output, asked.data, asked.frames))
+    claims = {name: [f.claims for f in some] for name, some in groups.items()}
+    few = {name: some for name, some in claims.items() if not name.startswith(("Sun", "pixel"))}
+    text = "\n\n".join([scores_table(claims), bins_table(few), positions_table(groups)])
+    (asked.output / "frames.md").write_text(text + "\n", encoding="utf-8")
+    write_diagrams(asked.output / "frames.html", "Simulated frames", claims)
+    print(text)
+    return 0

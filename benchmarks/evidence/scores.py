@@ -1,0 +1,99 @@
+"""Claims of groups of images as tables and reliability diagrams, by the library's own scores."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lcp_catalog.validation.report_claims import reliability_diagram
+
+from benchmarks.markdown import table
+from lcp_catalog.validation.claims import GATE_SIGMAS, Claims, Scores, score
+
+Groups = Mapping[str, Sequence[Claims]]
+"""Claims of images, one for each, by the name of a group."""
+NAMES = ("probability", "usable", "sigma_m", "angle_deg", "tried", "found", "error_m")
+"""Arrays of claims, as they are kept in files."""
+STYLE = (
+    "svg{background:#fff;font:13px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
+    ".middle{text-anchor:middle}.end{text-anchor:end}.bar{fill:#8aa8cf}.high{fill:#1f5fbf}"
+    ".paper{fill:none;stroke:#c05a00;stroke-width:1.5;stroke-dasharray:5 3}.note{fill:#c05a00}.own{fill:#1f5fbf}"
+    ".ideal{fill:none;stroke:#999;stroke-dasharray:4 3}.bin path{stroke:#8aa8cf}.bin circle{fill:#1f5fbf}"
+)
+
+
+def arrays(claims: Claims) -> dict[str, Any]:
+    """What a file keeps of claims."""
+    return {name: getattr(claims, name) for name in NAMES}
+
+
+def kept(saved: Mapping[str, Any]) -> Claims:
+    """Claims from what a file keeps."""
+    return Claims(**{name: saved[name] for name in NAMES})
+
+
+def share_near(claims: Claims) -> float:
+    """Share of the usable points that were tried that were found within `GATE_SIGMAS` stated sigma."""
+    usable = claims.usable & claims.tried
+    squared = np.nan_to_num(claims.squared_error, nan=np.inf)
+    near = claims.found & (squared <= GATE_SIGMAS**2)
+    return float(near[usable].mean()) if usable.any() else float("nan")
+
+
+def scored(groups: Groups) -> dict[str, Scores]:
+    """Scores of the groups that have trials."""
+    pooled = {name: Claims.pooled(some) for name, some in groups.items()}
+    return {name: score(of) for name, of in pooled.items() if (of.tried & of.claimed).any()}
+
+
+def scores_table(groups: Groups) -> str:
+    """One row a group with trials."""
+    rows = []
+    for name, of in scored(groups).items():
+        near = share_near(Claims.pooled(groups[name]))
+        shares = [of.found_of_usable, near, of.usable_of_found, of.found_of_unusable]
+        briers = [of.brier, of.brier_of_the_mean, of.expected_calibration_error]
+        rows.append([
+            name, len(groups[name]), of.count, of.unclaimed, of.usable, *(f"{v:.3f}" for v in shares),
+            *(f"{v:.4f}" for v in briers), f"{of.normalised_squared_error:.2f} ({of.errors})",
+        ])  # fmt: skip
+    head = [
+        "",
+        "images",
+        "trials",
+        "unclaimed",
+        "usable",
+        "found of usable",
+        f"within {GATE_SIGMAS:g} sigma",
+    ]
+    head += ["usable of found", "found of others", "Brier", "of the mean", "calibration error"]
+    return table([*head, "squared error"], rows)
+
+
+def bins_table(groups: Groups) -> str:
+    """Reliability by bin: predicted, observed and count of each."""
+    found = scored(groups)
+    some = [of.reliability for of in found.values()]
+    rows = [
+        [f"{bins[0].low:.1f}..{bins[0].high:.1f}",
+         *(f"{b.predicted:.2f} -> {b.observed:.2f} ({b.count})" if b.count else "-" for b in bins)]
+        for bins in zip(*some, strict=True)
+    ]  # fmt: skip
+    return table(["predicted", *found], rows)
+
+
+def diagrams(groups: Groups) -> str:
+    """Reliability diagrams beside each other, as HTML."""
+    figures = [
+        f"<figure style='display:inline-block'><figcaption>{name}</figcaption>{reliability_diagram(of)}</figure>"
+        for name, of in scored(groups).items()
+    ]
+    return f"<style>{STYLE}</style>{''.join(figures)}"
+
+
+def write_diagrams(path: Path, title: str, groups: Groups) -> None:
+    """A page of reliability diagrams."""
+    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{title}</title><h1>{title}</h1>"
+    path.write_text(f"{head}{diagrams(groups)}</html>\n", encoding="utf-8")
