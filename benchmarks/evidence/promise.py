@@ -20,7 +20,6 @@ from benchmarks.markdown import table
 from lcp_catalog import Catalog, open_catalog
 from lcp_catalog.arrays import AnyArray, Array
 from lcp_catalog.catalog.prediction import predict
-from lcp_catalog.catalog.promise import single_promises
 from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.sun_cells import SunCells
 from lcp_catalog.constants import MOON_RADIUS_M
@@ -81,13 +80,12 @@ class Level:
 
 def levels(catalog: Catalog) -> Iterator[Level]:
     """SystemExit for a catalogue that promises nothing."""
-    found = single_promises(catalog)
-    if found is None:
+    told = catalog.promise
+    if told is None:
         raise SystemExit("the catalogue promises nothing")
-    told, own = found
-    for k, part in enumerate(own.parts()):
+    for k, part in enumerate(told.parts()):
         yield Level(
-            own.gsd[k], own.footprint[k], own.radius[k], told.longitude[part], told.latitude[part],
+            told.gsd[k], told.footprint[k], told.radius[k], told.longitude[part], told.latitude[part],
             told.points[part][:, 0], told.cause[part][:, 0],
         )  # fmt: skip
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lcp_catalog.validation.report_claims import reliability_diagram
 
 from benchmarks.markdown import table
 from lcp_catalog.validation.claims import GATE_SIGMAS, Claims, Scores, score
+from lcp_catalog.validation.report import reliability_diagram
 
 Groups = Mapping[str, Sequence[Claims]]
 """Claims of images, one for each, by the name of a group."""

@@ -84,7 +84,7 @@ def registration(
     damp detail near a node's width, and the covariance grows with the square or, in smooth noise,
     the fourth power of that (measured over stated variance of the match: 0.78, 0.66 and 0.58 in
     white noise and noise of 1.5 and 4 nodes' length, and 0.96, 0.90 and 0.85 with the sixth order;
-    `benchmarks/claims.py simulated`).
+    `claims_simulated.py` of c896266).
 
     `Registration.bias` and `Registration.own` compare the patches with ``errors.level``, the image
     at their places.

@@ -18,7 +18,7 @@ from .patches import halved
 RIVALS = 64
 """Greatest number of other places for each patch. In noise above the contrast all maxima of a search
 square count alike; with 12 the Brier score of the detection probability doubles
-(`benchmarks/claims.py simulated`)."""
+(`claims_simulated.py` of c896266)."""
 
 EXCLUSION_PX = 2.0
 """Maxima no farther than this from a patch's own place belong to its own peak."""
