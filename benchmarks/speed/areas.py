@@ -41,8 +41,9 @@ class Case:
         area, sun, model = config.area, config.sun, config.model
         if self.polar:
             area = dataclasses.replace(area, center_deg=self.place_deg, size_km=60.0)
-            unmapped = dict.fromkeys(("albedo", "albedo_encoding", "albedo_reference"))
-            model = dataclasses.replace(model, **unmapped)
+            model = dataclasses.replace(
+                model, albedo=None, albedo_encoding=None, albedo_reference=None
+            )
         if self.elevations_deg:
             sun = dataclasses.replace(sun, elevations_deg=self.elevations_deg)
         area = dataclasses.replace(area, gsd_m=self.gsd_m)
