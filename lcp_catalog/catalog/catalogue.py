@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -106,13 +106,13 @@ class Catalog(CatalogParts):
         require("" if value is not None else f"has no {name}")
         return np.asarray(value[index])
 
-    def at(self, name: str, rows: Index, *index: Index) -> AnyArray:
+    def at(self, name: str, rows: Index, index: Sequence[Index]) -> AnyArray:
         """Values (n, m) of a variable of the points ``rows`` (n,), with indices (n, m) along each of
         its other axes.
         """
         value = held(self, name)
         if isinstance(value, StoredArray):
-            return value.at(rows, *index)
+            return value.at(rows, index)
         return np.asarray(value[(rows[:, None], *index)])
 
     def row_bytes(self, name: str) -> int:

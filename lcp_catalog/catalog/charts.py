@@ -347,13 +347,13 @@ class ReliefMap:
         """
         lon, lat = self._lonlat_limits()
         lines, labels = [], []
-        for value in _round_degrees(*lon):
+        for value in _round_degrees(lon):
             line = self._clipped(np.full(241, value), np.linspace(*lat, 241))
             if len(line):
                 lines.append(_polyline(line))
                 x, y = line[np.argmax(line[:, 1])]
                 labels.append((x, y + 26, _degrees(turned_deg(value), "E", ""), "middle"))
-        for value in _round_degrees(*lat):
+        for value in _round_degrees(lat):
             line = self._clipped(np.linspace(*lon, 241), np.full(241, value))
             if len(line):
                 lines.append(_polyline(line))
@@ -408,8 +408,9 @@ def _polyline(points: AnyArray) -> str:
     return '<polyline points="' + " ".join(f"{x:.1f},{y:.1f}" for x, y in points[some]) + '"/>'
 
 
-def _round_degrees(low: float, high: float) -> Sequence[float]:
+def _round_degrees(limits: tuple[float, float]) -> Sequence[float]:
     """Round values within limits, about five."""
+    low, high = limits
     span = max(high - low, 1e-9)
     step = next((s for s in _GRATICULE_DEG if span / s <= 7.0), 30.0)
     return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]

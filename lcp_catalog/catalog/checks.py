@@ -279,7 +279,7 @@ def _outside(values: Values, name: str, low: float, high: float) -> list[Finding
     return _where(name, ~((array >= low) & (array <= high)), f"not in {low:g}..{high:g}")
 
 
-def _numbered(values: Values, *names: str) -> Iterator[Finding]:
+def _numbered(values: Values, names: Iterable[str]) -> Iterator[Finding]:
     for name in names:
         if not np.array_equal(values[name], np.arange(len(values[name]))):
             yield Finding(name, "is not 0, 1, 2, ...")
@@ -301,7 +301,7 @@ def _check_axes(values: Values) -> Iterator[Finding]:
     for name in ("patch_row", "patch_col"):
         if not np.array_equal(values[name], centred(len(values[name]))):
             yield Finding(name, "is not counted from the patch's centre")
-    yield from _numbered(values, "point", "view", "coverage/cell", *FIXED)
+    yield from _numbered(values, ("point", "view", "coverage/cell", *FIXED))
     yield from _rising(values, "sun_elevation", "sun_azimuth", "overview/x")
     yield from _falling(values, "overview/y")
     yield from _outside(values, "sun_elevation", 0.0, 90.0)
@@ -336,8 +336,8 @@ def _check_places(values: Values) -> Iterator[Finding]:
 
 
 def _check_rotations(values: Values) -> Iterator[Finding]:
-    rotation, places = values["rotation_mcmf_to_enu"], (values["longitude"], values["latitude"])
-    expected = enu_rotation(*places)
+    rotation = values["rotation_mcmf_to_enu"]
+    expected = enu_rotation(values["longitude"], values["latitude"])
     turned = np.abs(rotation - expected).max(axis=(1, 2), initial=0.0)
     if (turned <= 0.1 * _ROTATION_TOLERANCE).all():
         return  # so they are orthonormal, too
@@ -446,7 +446,7 @@ def _check_map_levels(values: Values) -> Iterator[Finding]:
         yield from _shares(values, "coverage_map/usable_share")
     if "coverage_levels/block" not in values:
         return
-    yield from _numbered(values, "coverage_levels/block", "coverage_levels/code")
+    yield from _numbered(values, ("coverage_levels/block", "coverage_levels/code"))
     unknown = ~np.isin(values["coverage_levels/factor"], LEVEL_FACTORS)
     yield from _where("coverage_levels/factor", unknown, "is no level")
     yield from _outside(values, "coverage_levels/latitude", -90.0, 90.0)
@@ -463,7 +463,7 @@ def _shares(values: Values, name: str) -> Iterator[Finding]:
 def _check_promise(values: Values) -> Iterator[Finding]:
     if "promise/place" not in values:
         return
-    yield from _numbered(values, "promise/place", "promise/step", "promise/part")
+    yield from _numbered(values, ("promise/place", "promise/step", "promise/part"))
     yield from _outside(values, "promise/latitude", -90.0, 90.0)
     yield from _outside(values, "promise/longitude", -360.0, 720.0)
     for name in ("met", "served"):

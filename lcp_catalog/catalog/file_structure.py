@@ -121,7 +121,7 @@ def variables(file: h5py.File) -> dict[str, Variable]:
     """The variables that the file must have, by their path in it: all but those that the catalogue was built
     without.
     """
-    albedo = has_group(file, *OPTIONAL) or "albedo_map" in file.attrs
+    albedo = has_group(file, OPTIONAL[0]) or "albedo_map" in file.attrs
     return {
         key(group, name): variable
         for group, members in GROUPS.items()
@@ -164,7 +164,7 @@ def _identity_problems(file: h5py.File) -> Iterator[str]:
 
 def global_names(file: h5py.File) -> tuple[str, ...]:
     """Names of the global attributes that the file must have, but the digest of its content."""
-    optional = OPTIONAL_ATTRIBUTES if has_group(file, *OPTIONAL) else ()
+    optional = OPTIONAL_ATTRIBUTES if has_group(file, OPTIONAL[0]) else ()
     return (*GLOBAL_ATTRIBUTES, *optional)
 
 

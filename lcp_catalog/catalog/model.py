@@ -6,6 +6,7 @@ n points, patches of p x p nodes, s image scales, v views, e Sun elevations, a S
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Protocol, TypeVar
 
@@ -25,7 +26,7 @@ BLOCK_BYTES = 2**24
 class Source(Protocol):
     """Where variables are that are not in memory."""
 
-    def read(self, path: str, *index: Any) -> AnyArray:
+    def read(self, path: str, index: tuple[Any, ...]) -> AnyArray:
         """What NumPy's basic indexing selects of a variable, by its path in the file; the first index may be
         an array of rows.
         """
@@ -44,9 +45,9 @@ class StoredArray:
         return self.shape[0]
 
     def __getitem__(self, index: Any) -> AnyArray:
-        return self.source.read(self.path, *(index if isinstance(index, tuple) else (index,)))
+        return self.source.read(self.path, index if isinstance(index, tuple) else (index,))
 
-    def at(self, rows: Index, *index: Index) -> AnyArray:
+    def at(self, rows: Index, index: Sequence[Index]) -> AnyArray:
         """Values (n, m) of the rows (n,), with indices (n, m) along each other axis. Of the file those chunks
         are read that hold the rows, and kept is the box of the indices.
         """
@@ -131,9 +132,7 @@ class Coverage:
     latitude: AnyArray
     status: AnyArray  # (cell,) uint8
     spacing_m: float
-    usable: AnyArray | None = (
-        None  # (cell, v, e, a) uint8 of `coverage.usable_nearby`; None: unknown
-    )
+    usable: AnyArray | None = None  # (cell, v, e, a) uint8 of `maps.usable_nearby`; None: unknown
     step_m: float | None = None  # distance of the cells on latitude rings; None: a plane's cells
 
 

@@ -41,16 +41,29 @@ def merged_promise(catalogs: Sequence[Catalog], lost: Sequence[Index]) -> Promis
     if not parts:
         return None
     parts.sort(key=lambda part: float(part[0].gsd[part[1]]))
-    columns: dict[str, AnyArray] = {
-        name: np.array([getattr(told, name)[k] for told, k in parts])
-        for name in ("places", "gsd", "per_view", "footprint", "radius", "lower_bound")
-    }
-    columns |= {
-        name: np.concatenate([getattr(told, name)[told.parts()[k]] for told, k in parts])
-        for name in ("longitude", "latitude", "demand", "points", "cause")
-    }
-    nothing = np.zeros(0)
-    return Promise(**columns, size=nothing.astype(np.int32), met=nothing, served=nothing)
+
+    def column(name: str) -> AnyArray:
+        return np.array([getattr(told, name)[k] for told, k in parts])
+
+    def joined(name: str) -> AnyArray:
+        return np.concatenate([getattr(told, name)[told.parts()[k]] for told, k in parts])
+
+    return Promise(
+        longitude=joined("longitude"),
+        latitude=joined("latitude"),
+        demand=joined("demand"),
+        points=joined("points"),
+        cause=joined("cause"),
+        size=np.zeros(0, np.int32),
+        met=np.zeros(0),
+        served=np.zeros(0),
+        places=column("places"),
+        gsd=column("gsd"),
+        per_view=column("per_view"),
+        footprint=column("footprint"),
+        radius=column("radius"),
+        lower_bound=column("lower_bound"),
+    )
 
 
 def _without(catalog: Catalog, rows: Index, told: Promise) -> Promise:

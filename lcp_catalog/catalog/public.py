@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from .catalogue import Catalog
-from .comparison import compare, compare_catalogs
-from .differences import Comparison
+from .comparison import Comparison, compare, compare_catalogs
 from .hdf5 import open_catalog
 from .report import write_report
 from .summary import describe

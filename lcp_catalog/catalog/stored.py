@@ -85,7 +85,7 @@ class StoredFile:
 # -- parts of an open file
 
 
-def read_part(file: h5py.File, name: str, variable: Variable, *index: Any) -> AnyArray:
+def read_part(file: h5py.File, name: str, variable: Variable, index: tuple[Any, ...]) -> AnyArray:
     """What NumPy's basic indexing selects of a variable, as stored; the first index may be an array of
     rows.
     """
@@ -149,12 +149,12 @@ class FileSource:
             self.attributes, self.groups = attributes(file), group_attributes(file)
             self._shapes = {name: file[name].shape for name in variables(file)}
 
-    def read(self, path: str, *index: Any) -> AnyArray:
+    def read(self, path: str, index: tuple[Any, ...]) -> AnyArray:
         """See `model.Source`."""
         group, _, short = path.rpartition("/")
         with self._stored.opened() as file:
             self._digests.require(file, path, index)
-            array = read_part(file, path, GROUPS[group][short], *index)
+            array = read_part(file, path, GROUPS[group][short], index)
         if path in PACKED:
             return packing(path, self.attributes["sigma_step_m"]).unpacked(array)
         return array

@@ -150,7 +150,7 @@ def _read(
     values, unreadable = {}, []
     for name, variable in wanted.items():
         try:
-            values[name] = read_part(file, name, variable, rows)
+            values[name] = read_part(file, name, variable, (rows,))
         except HDF5_ERRORS as error:
             unreadable.append(Finding(name, f"cannot be read: {line_of(error)}"))
     return values, unreadable

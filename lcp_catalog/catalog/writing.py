@@ -23,7 +23,6 @@ from .catalogue import Catalog
 from .checks import first_few, lines, part_findings, shape_problems
 from .chunk_writing import ChunkWriter, Deflate
 from .content import attributes, group_attributes, values
-from .coverage_map import coverage_map
 from .disk_stream import DiskStream
 from .integrity import (
     CONTENT,
@@ -36,7 +35,7 @@ from .integrity import (
     digest_table,
 )
 from .layout import CRS, GROUPS, TEXT, Values, grid_mapping, key, variable_attributes
-from .map_levels import coverage_levels
+from .maps import coverage_levels, coverage_map
 from .model import Coverage, Promise
 from .schema import Variable
 

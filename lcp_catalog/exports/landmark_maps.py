@@ -32,7 +32,7 @@ def write_landmark_maps(
     seen from straight above, with the shadows of the patch on itself, 255 for its brightest node;
     without a Sun it is 100, the format's value for unknown.
     """
-    sun = None if sun_deg is None else direction_enu(*sun_deg)
+    sun = None if sun_deg is None else direction_enu(sun_deg[0], sun_deg[1])
     for k, heights, albedo in points.patches():
         name = f"{points.point_id[k]} {points.frame.name}".encode("ascii")
         rows, columns = heights.shape

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.hdf5 import Catalog, Coverage, new_catalog
-from ..catalog.map_levels import overview_levels
+from ..catalog.maps import overview_levels
 from ..catalog.packing import sigma_step_m
 from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
 from ..dem.error_maps import ErrorMaps

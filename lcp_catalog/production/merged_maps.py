@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array
 from ..catalog.catalogue import Catalog
-from ..catalog.coverage import usable_nearby
+from ..catalog.maps import usable_nearby
 from ..catalog.model import Coverage, Overview
 from ..geometry.angles import turned_deg
 from ..geometry.bounds import enclosing_bounds

@@ -17,7 +17,7 @@ from ..atomic_files import check_output, printable
 from ..catalog.catalogue import Catalog
 from ..catalog.cell_levels import levels
 from ..catalog.hdf5 import new_catalog, open_catalog
-from ..catalog.map_levels import overview_levels
+from ..catalog.maps import overview_levels
 from ..catalog.model import BLOCK_BYTES, Coverage, Promise
 from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.packing import packing

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Int16, Mask
-from ..catalog.coverage import usable_nearby
+from ..catalog.maps import usable_nearby
 from ..catalog.model import Coverage, Overview
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet

@@ -14,9 +14,9 @@ import rasterio
 import xarray
 from helpers import catalogs
 
-from lcp_catalog.catalog.coverage_map import coverage_map
 from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.catalog.layout import grid_mapping
+from lcp_catalog.catalog.maps import coverage_map
 from lcp_catalog.catalog.model import Coverage, CoverageMap
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.map_plane import MapPlane

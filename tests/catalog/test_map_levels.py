@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lcp_catalog.catalog.map_levels import coverage_levels, overview_levels
+from lcp_catalog.catalog.maps import coverage_levels, overview_levels
 from lcp_catalog.catalog.model import Coverage, Overview
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR

@@ -11,9 +11,8 @@ from scipy.interpolate import LinearNDInterpolator, RegularGridInterpolator
 from scipy.special import expit, logit
 
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.prediction import CAUSES, Prediction, predict
+from lcp_catalog.catalog.prediction import CAUSES, Prediction, ViewMesh, predict, view_plane
 from lcp_catalog.catalog.schema import UNOCCLUDED, UNSHADOWED, summarise_usable
-from lcp_catalog.catalog.view_mesh import ViewMesh, view_plane
 from lcp_catalog.geometry.frames import direction_enu
 
 NADIR = [0.0, 0.0, 1.0]

@@ -138,7 +138,7 @@ def test_values_at_points_and_indices(
     for name in ("condition", "sigma_major", "detection_probability"):
         lengths = getattr(whole, name).shape[1:]
         index = [dice.integers(0, length, (50, 6)) for length in lengths]
-        got = found.at(name, rows, *index)
+        got = found.at(name, rows, index)
         np.testing.assert_array_equal(got, getattr(whole, name)[(rows[:, None], *index)])
-        none = found.at(name, rows[:0], *(along[:0] for along in index))
+        none = found.at(name, rows[:0], [along[:0] for along in index])
         assert none.shape == (0, 6)

@@ -15,7 +15,7 @@ from helpers.virtual_moon import virtual_moon
 
 from lcp_catalog.catalog.hdf5 import open_catalog, verify
 from lcp_catalog.catalog.layout import grid_mapping
-from lcp_catalog.catalog.map_levels import overview_levels
+from lcp_catalog.catalog.maps import overview_levels
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import LEVEL_FACTORS
 from lcp_catalog.catalog.summary import describe

@@ -102,7 +102,7 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     stored, cause = (a[place, 0, row, column] for a in (told.points, told.cause))
     some = np.flatnonzero(np.isfinite(sun[:, 0]) & (stored != NO_CELL))
     seen = arcs_m(lon[some, None], lat[some, None], catalog.longitude, catalog.latitude)
-    camera, point = np.nonzero(seen <= told.footprint_m / 2.0)
+    camera, point = np.nonzero(seen <= told.footprint[0] / 2.0)
     elevation, azimuth = np.radians(sun[some[camera]].T)
     towards = np.stack([np.sin(azimuth), np.cos(azimuth), np.tan(elevation)], axis=1)
     down = np.broadcast_to([0.0, 0.0, 1.0], towards.shape)
@@ -124,7 +124,7 @@ def test_what_is_not_kept_has_a_cause(catalog: Catalog, built: Path) -> None:
     short = (told.points < told.demand[:, None, None, None]) & (told.points != NO_CELL)
     assert (told.cause[short] != Cause.MET).all()
     assert (told.cause[~short & (told.points != NO_CELL)] == Cause.MET).all()
-    assert len(catalog) <= 1.5 * told.lower_bound
+    assert len(catalog) <= 1.5 * told.least_points
     assert told.met[-1] == told.served[-1] == 1.0
 
 
@@ -165,7 +165,7 @@ def test_a_limited_size_is_the_start_of_the_curve(
     np.testing.assert_array_equal(told.met, catalog.promise.met[:5])
     assert (told.cause == Cause.SIZE).any()
     assert not (catalog.promise.cause == Cause.SIZE).any()
-    assert told.lower_bound == 0.0
+    assert told.least_points == 0.0
 
 
 def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, FinishedArea]) -> None:
@@ -218,7 +218,7 @@ def test_what_cannot_be_promised_is_refused() -> None:
             PointConfig(**wrong)
     for given in ({"per_view": 0}, {"spacing_m": 5000.0}):
         assert PointConfig(**given).promised == 0
-        with pytest.raises(ConfigError, match=r"needs points\.per_view above 0"):
+        with pytest.raises(ConfigError, match=r"needs `points\.per_view` above 0"):
             PointConfig(**given, max_points=10)
     assert PointConfig().promised == 8
     assert PointConfig(spacing_m=5000.0, per_view=3).promised == 3

@@ -1,4 +1,6 @@
-"""Coarser levels of the maps of a large region: means of the overview, and counts of the coverage."""
+"""Maps of a catalogue: the coverage by condition, as a raster that GDAL and QGIS can place, and in coarser levels; the
+levels of the overview.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +10,38 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import AnyArray, Array
+from ..arrays import AnyArray, Array, Bytes
 from ..constants import MOON_RADIUS_M
-from ..geometry.map_plane import ORTHOGRAPHIC
-from .model import Coverage, CoverageLevels, Overview
-from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, LEVEL_FACTORS
+from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
+from ..kernels.points import mark
+from ..landmarks.selection import Places, nearest, within
+from .model import Coverage, CoverageLevels, CoverageMap, Overview
+from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, LEVEL_FACTORS, NO_CELL, USABLE, evaluated
+
+_POINTS_AT_ONCE = 4096
+
+
+def usable_nearby(cells: Places, points: Places, condition: AnyArray, spacing_m: float) -> Bytes:
+    """Coverage of each cell by condition, (cell, view, sun_elevation, sun_azimuth).
+
+    1: a point that is usable in the condition lies within ``spacing_m`` (along the sphere) of the
+    cell's centre; 0: none does; 255: the condition was evaluated for no point at all. ``cells`` and
+    ``points``: (longitudes, latitudes) in degrees; ``condition``: uint8 (point, view,
+    sun_elevation, sun_azimuth), an array or a dataset, which is read in blocks of points.
+    """
+    cell, point = within(cells, points, spacing_m)
+    count, shape = np.size(cells[0]), condition.shape[1:]
+    found, known = np.zeros((count, math.prod(shape)), np.uint8), np.zeros(shape, np.bool_)
+    for start in range(0, len(condition), _POINTS_AT_ONCE):
+        flags = np.ascontiguousarray(condition[start : start + _POINTS_AT_ONCE])
+        known |= evaluated(np.bitwise_or.reduce(flags, axis=0))
+        near = slice(*np.searchsorted(point, (start, start + len(flags))))
+        mark(found, cell[near], point[near] - start, flags.reshape(len(flags), -1), USABLE)
+    found[:, ~known.ravel()] = COVERAGE_UNKNOWN
+    return found.reshape(count, *shape)
+
+
+# -- coarser levels
 
 _CELLS_AT_ONCE = 4096
 
@@ -102,3 +131,49 @@ def _ring_cells(lon: Array, lat: Array, step_m: float) -> tuple[Array, NDArray[n
     )
     centre = np.stack([(held[:, 1] + 0.5) * 360.0 / across[first], middle[first]], axis=1)
     return centre, own.reshape(-1)
+
+
+# -- a raster of the coverage
+
+_NEAR = 0.75
+"""Greatest distance of a node from its cell, in distances of the cells: half a cell's diagonal, and some."""
+
+_MOST_NODES = 1_000_000
+
+
+def coverage_map(cells: Coverage, plane: MapPlane) -> CoverageMap | None:
+    """The coverage in a plane, on nodes as far apart as its cells: each has the status of the nearest cell,
+    and the share of the cell's known conditions with a usable point near. Cells of the plane itself lie on
+    nodes. Regions that are far from one another have nodes further apart. None for a coverage without cells
+    in the plane.
+    """
+    lon, lat = np.asarray(cells.longitude, np.float64), np.asarray(cells.latitude, np.float64)
+    x, y = plane.at(lon, lat)
+    shown = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if not len(shown):
+        return None
+    wide, high = float(np.ptp(x[shown])), float(np.ptp(y[shown]))
+    step_m = cells.spacing_m if cells.step_m is None else cells.step_m
+    step_m = max(step_m, math.sqrt(wide * high / _MOST_NODES))
+    across, down = _nodes(x[shown], step_m), _nodes(y[shown], step_m)[::-1]
+    status = np.full((len(down), len(across)), NO_CELL, np.uint8)
+    share = np.full(status.shape, np.nan, np.float32)
+    node_lon, node_lat = plane.lonlat(*np.meshgrid(across, down))
+    on_moon = np.isfinite(node_lon)
+    cell, away_m = nearest(node_lon[on_moon], node_lat[on_moon], lon, lat)
+    cell = cell[held := away_m <= _NEAR * step_m]
+    on_moon[on_moon] = held
+    good, known = usable_conditions(cells)
+    share_of = np.where(known > 0, good / np.maximum(known, 1), np.nan)
+    status[on_moon] = np.asarray(cells.status)[cell]
+    share[on_moon] = share_of[cell]
+    return CoverageMap(
+        status, share, across, down, plane.center_lon, plane.center_lat, plane.projection
+    )
+
+
+def _nodes(along: Array, step_m: float) -> Array:
+    """Places a step apart, rising, over the span of others."""
+    low, high = float(along.min()), float(along.max())
+    count = round((high - low) / step_m) + 1
+    return np.asarray((low + high) / 2.0 + (np.arange(count) - (count - 1) / 2.0) * step_m)
