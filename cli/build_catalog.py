@@ -184,14 +184,14 @@ def command(
         _print_parts(_planned(dem, config, memory_gb), output, mode.as_json)
         return 0
     if mode.merge:
-        from lcp_catalog.production.parts import merge_parts
+        from lcp_catalog.production.run import BuildRun
 
-        report = merge_parts(
+        report = BuildRun(
             _planned(dem, config, memory_gb),
             Path(output),
             overwrite=run.overwrite,
             keep_going=run.keep_going,
-        )
+        ).merge()
     elif mode.part is not None:
         return _run_part(dem, config, memory_gb, output, run, mode.part)
     else:
@@ -271,29 +271,28 @@ def _run_part(
 ) -> int:
     """Compute a part; finished areas are kept with and without ``--resume``."""
     with _computing(run) as update:
-        from lcp_catalog.production.parts import BuildPart, run_part
+        from lcp_catalog.production.run import BuildPart, BuildRun
 
         part = BuildPart(*number)
         build = _planned(dem, config, memory_gb)
-        failed = run_part(
+        failed = BuildRun(
             build,
             Path(output),
-            part,
             jobs=run.workers,
             scheduler=run.scheduler,
             overwrite=run.overwrite,
             keep_going=run.keep_going,
             progress=update,
-        )
+        ).part(part)
     areas = len(part.share(build.jobs)) - len(failed)
     say(f"{output}.parts: part {part} with {areas} areas is computed", "done", areas=areas)
     return _failures(failed)
 
 
 def _print_parts(build: Build, output: str, as_json: bool) -> None:
-    from lcp_catalog.production.parts import list_parts
+    from lcp_catalog.production.run import BuildRun
 
-    states = list_parts(build, Path(output))
+    states = BuildRun(build, Path(output)).list_parts()
     rows = [
         {"part": str(state.part), "areas": state.areas, "missing": list(state.missing)}
         for state in states

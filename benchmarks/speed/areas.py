@@ -87,11 +87,13 @@ def own_nodes(job: AreaJob) -> int:
     """Number of nodes that belong to the area, by their places on the sphere."""
     window = job.task.window
     x, y = np.meshgrid(
-        np.arange(window.col0, window.col1) * job.gsd_m,
-        -np.arange(window.row0, window.row1) * job.gsd_m,
+        np.arange(window.col0, window.col1) * job.recipe.gsd_m,
+        -np.arange(window.row0, window.row1) * job.recipe.gsd_m,
     )
     z = -(x**2 + y**2) / (2.0 * MOON_RADIUS_M)
     lon, lat, _ = mcmf_to_lonlat(job.task.frame.to_mcmf(np.stack([x, y, z], axis=-1)))
     row, column = job.grid.owner(lon, lat)
-    mine = (row == job.task.row) & (column == job.task.column) & job.region.contains(lon, lat)
+    mine = (
+        (row == job.task.row) & (column == job.task.column) & job.recipe.region.contains(lon, lat)
+    )
     return int(mine.sum())

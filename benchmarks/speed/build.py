@@ -30,7 +30,6 @@ from benchmarks.speed.stages import LIBRARY, PIPELINE, STAGES, measured
 from benchmarks.timing import Task, in_turn, median, ratio
 from lcp_catalog.production.area_job import area_sweep, run_area
 from lcp_catalog.production.evaluation import image_scales
-from lcp_catalog.production.sweep import Conditions
 from lcp_catalog.threads import limit_threads
 
 BEFORE = "4e256b5"
@@ -116,8 +115,8 @@ class Area:
         times = in_turn(tasks, rounds, before=elsewhere)
         ours.seconds, theirs.seconds = times["ours"], times["theirs"]
         in_turn({"ours": ours.staged, "theirs": theirs.staged}, rounds, before=elsewhere)
-        conditions = Conditions.at(job.task.lat_deg, job.config).count
-        return cls(case, job.task.name, job.gsd_m, own_nodes(job), conditions, ours, theirs)
+        conditions = job.conditions.count
+        return cls(case, job.task.name, job.recipe.gsd_m, own_nodes(job), conditions, ours, theirs)
 
     @property
     def times_faster(self) -> float:
@@ -219,7 +218,7 @@ def roofline(asked: argparse.Namespace) -> Iterator[str]:
         one = Timed(partial(run_area, job), LIBRARY, run_area(job))
         for _ in range(asked.rounds):
             one.staged()
-        works = work_of(job, one.result, image_scales(job.config.points.patch_nodes))
+        works = work_of(job, one.result, image_scales(job.recipe.config.points.patch_nodes))
         yield f"**{case.name}**\n\n{roofline_table(works, one.stages, machine)}"
 
 

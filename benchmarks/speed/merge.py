@@ -24,7 +24,6 @@ import numpy as np
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.memory import peak_mb
-from lcp_catalog.photometry.laws import DEFAULT_MODEL
 from lcp_catalog.production.assembly import Assembly
 from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.config import (
@@ -35,6 +34,8 @@ from lcp_catalog.production.config import (
     ViewConfig,
 )
 from lcp_catalog.production.finished_area import TABLE, FinishedArea, checksums, record_type
+from lcp_catalog.production.recipe import Recipe
+from lcp_catalog.production.sweep import law_of_build
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import Area
@@ -66,7 +67,7 @@ def area(config: BuildConfig, row: int, column: int) -> FinishedArea:
     table["lon_deg"][:count] = (east.ravel() + jitter[0]) * STEP_M / DEGREE_M * 1.1 + 1.0
     table["lat_deg"][:count] = (north.ravel() + jitter[1]) * STEP_M / DEGREE_M - 20.0
     table[count:] = table[: count // 2]
-    records = np.zeros(count, record_type(config, albedo=False))
+    records = np.zeros(count, record_type(config))
     records["dem"] = rng.normal(0.0, 30.0, records["dem"].shape)
     middle = config.points.half
     records["dem"][:, middle, middle] = 0.0
@@ -107,14 +108,15 @@ def merge(config: BuildConfig, folder: Path, areas: int) -> None:
     width = min(areas, 40) * SIDE * STEP_M / DEGREE_M * 1.1 + 1.0
     region = Area.from_bounds(1.0, -20.0, 1.0 + width, -20.0 + rows)
     errors = config.errors.model(5.0, 500.0)
-    assembly = Assembly(config, dems, region, GSD_M, DEFAULT_MODEL, errors)
+    recipe = Recipe(config.at_cell(GSD_M), dems, region, law_of_build(config, -20.0), errors)
     checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
     before, start, own = peak_mb(), time.perf_counter(), time.process_time()
     names = [name(k) for k in range(areas)]
-    points = assembly.write(checkpoints, names, folder / "moon.h5", overwrite=True)
+    assembly = Assembly(recipe, checkpoints, names)
+    points = assembly.write(folder / "moon.h5", overwrite=True, check=lambda: None)
     seconds, own = time.perf_counter() - start, time.process_time() - own
     size = (folder / "moon.h5").stat().st_size
-    each = record_type(config, albedo=False).itemsize
+    each = record_type(config).itemsize
     print(f"merge: {areas} areas, {points} points with records of {each} bytes")
     print(
         f"merge: {seconds:.1f} s, {own:.1f} s of processor time, {points / own:.0f} points/s of it"

@@ -185,7 +185,7 @@ class Pipeline:
 
     def __init__(self, job: Any, candidates: Any) -> None:
         self.job, self.sweep = job, area_sweep(job)
-        self.points, self.errors = job.config.points, job.errors
+        self.points, self.errors = job.recipe.config.points, job.recipe.errors
         terrain = self.sweep.terrain
         field, core = terrain.field, terrain.core
         r0, r1, c0, c1 = core
@@ -213,11 +213,11 @@ class Pipeline:
             lonlat_to_mcmf(candidates.lon_deg, candidates.lat_deg, candidates.elevation_m)
         )
         x, y, _ = self.core
-        cols = np.rint((here[:, 0] - x[0]) / self.job.gsd_m).astype(int)
-        rows = np.rint((y[0] - here[:, 1]) / self.job.gsd_m).astype(int)
+        cols = np.rint((here[:, 0] - x[0]) / self.job.recipe.gsd_m).astype(int)
+        rows = np.rint((y[0] - here[:, 1]) / self.job.recipe.gsd_m).astype(int)
         north = np.stack([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)], -1)
         towards = frame.direction_from_mcmf(north)
-        step = 2.0 * self.job.config.model.direction_tolerance_deg
+        step = 2.0 * self.job.recipe.config.model.direction_tolerance_deg
         turn = np.rint(np.degrees(np.arctan2(towards[:, 0], towards[:, 1])) / step) * step
         return [
             Group(rows[members], cols[members], float(value), members)
@@ -373,9 +373,9 @@ class Pipeline:
         unit = level[:, None, None].astype(np.float32)
         parts = [seen, *(windows(source, rows, cols, half) for source in sources[1:])]
         errors = tuple(part / unit for part in parts)
-        pixel_m = scale * self.job.gsd_m
+        pixel_m = scale * self.job.recipe.gsd_m
         match = registered(alone / unit, seen / unit, errors, self.errors, pixel_m)
-        reach = max(1, self.points.search_nodes(self.job.gsd_m) // scale)
+        reach = max(1, self.points.search_nodes(self.job.recipe.gsd_m) // scale)
         places_ = search(shown, alone, rows, cols, reach)
         own = correlation(alone, seen)
         found[good] = np.stack(probabilities(match, places_, level, own, self.errors.spread), 1)

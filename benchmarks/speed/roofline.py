@@ -98,16 +98,16 @@ def covariance_operations(patch: int) -> float:
 def work_of(job: Any, result: Any, scales: tuple[int, ...]) -> list[Work]:
     """The work of an area: searches and covariances of the candidate-conditions that are lit, shadows
     of every node and Sun and the shading of every node and condition once."""
-    points, found = job.config.points, result.candidates.evaluation
+    points, found = job.recipe.config.points, result.candidates.evaluation
     lit = int(np.isfinite(found.second_peak).sum())
     views, *suns = found.condition.shape[1:]
-    halo = points.search_nodes(job.gsd_m) + points.half
+    halo = points.search_nodes(job.recipe.gsd_m) + points.half
     nodes = int(np.prod(job.task.window.grown(halo).shape))
     dark = nodes * int(
         (found.condition.any(axis=(0, 1)) if len(result.candidates) else np.ones(suns)).sum()
     )
     patches = [2 * (points.half // scale) + 1 for scale in scales]
-    reaches = [max(1, points.search_nodes(job.gsd_m) // scale) for scale in scales]
+    reaches = [max(1, points.search_nodes(job.recipe.gsd_m) // scale) for scale in scales]
     searched = sum(search_operations(p, r) for p, r in zip(patches, reaches, strict=True))
     spread = sum(covariance_operations(p) for p in patches)
     return [

@@ -127,7 +127,7 @@ def _areas(files: list[Path], count: int) -> None:
             start = time.process_time()
             found = run_area(job).candidates
             seconds.append(time.process_time() - start)
-            points.append(len(choose(table_of(found, build.config), build.config, build.gsd_m)))
+            points.append(len(choose(table_of(found, build.recipe.config), build.recipe.config)))
             held.append(len(found))
             at, took = f"{job.task.lat_deg:.1f}", f"{seconds[-1]:.1f}"
             rows.append([job.task.name, at, took, str(held[-1]), str(points[-1])])

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Index
 from ..atomic_files import write_aside
-from ..landmarks.selection import nearest
+from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
 from .cell_levels import levels
 from .layout import GROUPS, TEXT, key
@@ -321,8 +321,8 @@ def _moves(
         new = np.flatnonzero(level[len(here) :] == number)
         while True:
             a, b = here.take(old), there.take(new)
-            to, away_m = nearest(a.longitude, a.latitude, b.longitude, b.latitude)
-            back, _ = nearest(b.longitude, b.latitude, a.longitude, a.latitude)
+            to, away_m = nearest(Places(a.longitude, a.latitude), Places(b.longitude, b.latitude))
+            back, _ = nearest(Places(b.longitude, b.latitude), Places(a.longitude, a.latitude))
             both = np.flatnonzero(away_m <= spacing_m)
             both = both[back[to[both]] == both]
             if not len(both):

@@ -160,7 +160,7 @@ def coverage_map(cells: Coverage, plane: MapPlane) -> CoverageMap | None:
     share = np.full(status.shape, np.nan, np.float32)
     node_lon, node_lat = plane.lonlat(*np.meshgrid(across, down))
     on_moon = np.isfinite(node_lon)
-    cell, away_m = nearest(node_lon[on_moon], node_lat[on_moon], lon, lat)
+    cell, away_m = nearest(Places(node_lon[on_moon], node_lat[on_moon]), Places(lon, lat))
     cell = cell[held := away_m <= _NEAR * step_m]
     on_moon[on_moon] = held
     good, known = usable_conditions(cells)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Float32, Index, Mask
+from .localization import HARRIS_K
 
 _HIGH_PERCENTILE = 99.0
 """Percentile of the response that counts as 1: below the maximum, so that a single bright spot does
@@ -25,6 +26,9 @@ not set the scale.
 Part = tuple[slice, slice]
 """Rows and columns of an image."""
 WHOLE: Part = np.s_[:, :]
+
+BLOCK = 7
+"""Nodes along the window over which the response is summed."""
 
 GROUP_GAIN = 1.2
 """Least ratio of the scores of a group of conditions of another candidate and of those that a cell has."""
@@ -80,18 +84,16 @@ def _percentiles(values: Float32, *percents: float) -> list[float]:
     ]
 
 
-def harris(
-    image: Float32, block: int = 7, k: float = 0.04, contrast: float | None = None
-) -> Float32:
-    """Response of Harris and Stephens (1988) at each node: det M - k trace(M)^2, M summed over
-    ``block`` x ``block`` nodes.
+def harris(image: Float32, contrast: float | None = None) -> Float32:
+    """Response of Harris and Stephens (1988) at each node: det M - k trace(M)^2 with k = `HARRIS_K`, M
+    summed over `BLOCK` x `BLOCK` nodes.
 
     The response of cv2 grows with the fourth power of contrast. The image is therefore divided by
     its robust contrast (or ``contrast``) first, so that a gain does not change the response. It is 0
     for an image without contrast, and NaN where the window or its gradients (3 x 3 Sobel) would touch a missing
     node or the image's border. Edges of shadows have a strong response: see `Persistence`.
     """
-    margin = block // 2 + 1
+    margin = BLOCK // 2 + 1
     known = cv2.erode(
         np.isfinite(image).astype(np.uint8),
         np.ones((2 * margin + 1, 2 * margin + 1), np.uint8),
@@ -101,15 +103,13 @@ def harris(
     contrast = robust_contrast(image) if contrast is None else contrast
     if contrast > 0.0:
         scaled = (fill_missing(image, 2 * margin + 1) / np.float32(contrast)).astype(np.float32)
-        response = cv2.cornerHarris(scaled, blockSize=block, ksize=3, k=k)
+        response = cv2.cornerHarris(scaled, blockSize=BLOCK, ksize=3, k=HARRIS_K)
     else:
         response = np.zeros(image.shape, dtype=np.float32)
     return np.where(known > 0, response, np.float32(np.nan))
 
 
-def relative_response(
-    image: Float32, block: int = 7, k: float = 0.04, part: Part = WHOLE
-) -> Float32:
+def relative_response(image: Float32, part: Part = WHOLE) -> Float32:
     """Fourth root of the Harris response over its own 99th percentile of positive lit responses,
     clipped to 0..1, in a part of the image.
 
@@ -118,7 +118,7 @@ def relative_response(
     NaN where the response is NaN.
     """
     # any scale gives the same shares: the contrast of a sixteenth of the nodes, unless it is 0
-    response = harris(image, block, k, robust_contrast(image[::4, ::4]) or None)
+    response = harris(image, robust_contrast(image[::4, ::4]) or None)
     shown = (response > 0.0) & (image > 0.0)  # False for NaN
     positive = response.ravel()[np.flatnonzero(shown)]
     own, shown = response[part], shown[part]
@@ -212,12 +212,13 @@ def candidates_of_groups(
     their neighbours: at most one of each group in a cell, and `GROUP_EXTRA` of all groups. Rows and
     columns, ordered by (row, column).
     """
-    given, radius = (border, valid, None, origin), _radius(spacing_px)
-    rows, cols = candidates(score, spacing_px, per_cell, *given)
+    radius = _radius(spacing_px)
+    rows, cols = candidates(score, spacing_px, per_cell, border, valid, radius, origin)
     most = per_cell + GROUP_EXTRA
     for group in groups:
-        more = candidates(group, spacing_px, 1, *given)
-        cells = [_cells(*places, spacing_px, origin) for places in ((rows, cols), more)]
+        more = candidates(group, spacing_px, 1, border, valid, radius, origin)
+        places = ((rows, cols), more)
+        cells = [_cells(row, col, spacing_px, origin) for row, col in places]
         _, number = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
         own, new = np.split(number.ravel(), [len(rows)])
         best, count = np.zeros(number.size), np.zeros(number.size, dtype=np.int64)

@@ -117,15 +117,19 @@ def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> CoverC
         raise ValueError("most must be at least 1")
     slack = np.where(wanted > 0, -wanted, kernels.FREE).astype(np.int16)
     lacking, tight = packed(slack < 0), packed(slack == 0)
-    state = (*cover.links, slack, lacking, tight)
-    order, met, served = kernels.greedy(*state, len(cover) if most is None else most)
+    most = len(cover) if most is None else most
+    first, place, row, bits = cover.links
+    order, met, served = kernels.greedy(first, place, row, bits, slack, lacking, tight, most)
     total = max(1, int(wanted.sum(dtype=np.int64)))
     is_chosen = np.zeros(len(cover), np.bool_)
     is_chosen[order] = True
     if not (slack < 0).any():  # cut short it has none to spare
-        kernels.drop(order, is_chosen, *state)
+        kernels.drop(order, is_chosen, first, place, row, bits, slack, lacking, tight)
         if len(cover) <= EXCHANGE_MAX:
-            while kernels.exchange(is_chosen, *state, *cover._at_places):
+            starts, near = cover._at_places
+            while kernels.exchange(
+                is_chosen, first, place, row, bits, slack, lacking, tight, starts, near
+            ):
                 pass
     return CoverChoice(np.flatnonzero(is_chosen), met, served / total)
 

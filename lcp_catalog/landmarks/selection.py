@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,18 @@ from ..threads import thread_count
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-Places = tuple[ArrayLike, ArrayLike]
+
+class Places(NamedTuple):
+    """Places on the Moon: longitudes and latitudes (n,), degrees."""
+
+    lon_deg: Array
+    lat_deg: Array
+
+    @property
+    def unit(self) -> Array:
+        """On the unit sphere, MCMF (n, 3)."""
+        return lonlat_to_mcmf(self.lon_deg, self.lat_deg) / MOON_RADIUS_M
+
 
 ID_ROWS = 180_000
 """Rows of 0.001 degrees of latitude (30.3 m)."""
@@ -80,14 +91,13 @@ def _id_columns(row: Index) -> Index:
 
 
 def select(
-    lon_deg: ArrayLike,
-    lat_deg: ArrayLike,
+    candidates: Places,
     usable_count: ArrayLike,
     quality: ArrayLike,
     spacing_m: float,
     fill: float = 1.0,
 ) -> Index:
-    """Indices of the candidates to keep, in the order of their stable ids.
+    """Indices of the ``candidates`` to keep, in the order of their stable ids.
 
     Greedy over the whole Moon: most usable conditions first, then the higher quality, then the
     lower id (then longitude and latitude), for any order of the input. No candidate is chosen
@@ -101,7 +111,7 @@ def select(
     """
     if not (spacing_m > 0.0 and 0.0 < fill <= 1.0):
         raise ValueError("spacing_m must be positive and fill in 0..1")
-    lon, lat = np.asarray(lon_deg, np.float64), np.asarray(lat_deg, np.float64)
+    lon, lat = candidates
     usable, quality = np.asarray(usable_count), np.asarray(quality, np.float64)
     if not len(lon):
         return np.zeros(0, dtype=np.int64)
@@ -109,7 +119,7 @@ def select(
     lon, lat, usable, quality = lon[some], lat[some], usable[some], quality[some]
     labels = np.unique(stable_id(lon, lat), return_inverse=True)[1]
     order = np.lexsort((lat, lon % 360.0, labels, -quality, -usable.astype(np.int64)))
-    places, chosen = _unit(lon, lat), np.zeros(0, dtype=np.int64)
+    places, chosen = Places(lon, lat).unit, np.zeros(0, dtype=np.int64)
     for distance_m in (spacing_m, fill * spacing_m) if fill < 1.0 else (spacing_m,):
         below = np.nextafter(_chord(distance_m), 0.0)
         chosen = thinned(places, order, below, labels, chosen)
@@ -124,10 +134,6 @@ def _chord(distance_m: float) -> float:
     return 2.0 * math.sin(half_angle) if half_angle <= math.pi / 2.0 else 3.0
 
 
-def _unit(lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
-    return lonlat_to_mcmf(lon_deg, lat_deg) / MOON_RADIUS_M
-
-
 def _tree(unit: Array) -> cKDTree:
     """Search tree of places on the unit sphere (n, 3)."""
     from scipy.spatial import cKDTree
@@ -135,18 +141,13 @@ def _tree(unit: Array) -> cKDTree:
     return cKDTree(unit)
 
 
-def nearest(
-    lon_deg: ArrayLike, lat_deg: ArrayLike, to_lon_deg: ArrayLike, to_lat_deg: ArrayLike
-) -> tuple[Index, Array]:
+def nearest(places: Places, others: Places) -> tuple[Index, Array]:
     """For each place the index of the nearest of the other places and the distance along the
     sphere, metres; -1 and inf if there is no other place.
 
     ValueError for places that are not finite.
     """
-    here, there = (
-        _unit(lon_deg, lat_deg).reshape(-1, 3),
-        _unit(to_lon_deg, to_lat_deg).reshape(-1, 3),
-    )
+    here, there = places.unit, others.unit
     if not len(there):
         return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
     chord, index = _tree(there).query(here, workers=thread_count())
@@ -157,10 +158,9 @@ def within(cells: Places, points: Places, distance_m: float) -> tuple[Index, Ind
     """Pairs of a cell and a point within a distance along the sphere of the cell's centre: their
     indices, in the order of the points.
 
-    ``cells`` and ``points``: (longitudes, latitudes) in degrees. ValueError for places that are not
-    finite.
+    ValueError for places that are not finite.
     """
-    here, there = _unit(*cells).reshape(-1, 3), _unit(*points).reshape(-1, 3)
+    here, there = cells.unit, points.unit
     if not len(here) or not len(there):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     near = _tree(there).sparse_distance_matrix(
@@ -171,17 +171,16 @@ def within(cells: Places, points: Places, distance_m: float) -> tuple[Index, Ind
 
 
 class Nearby:
-    """Places, (longitudes, latitudes) in degrees, that are looked up around others."""
+    """Places that are looked up around others."""
 
     def __init__(self, places: Places) -> None:
-        self._tree = _tree(_unit(*places).reshape(-1, 3))
+        self._tree = _tree(places.unit)
 
     def around(self, others: Places, distance_m: float) -> tuple[Index, NDArray[np.int32]]:
         """The places within a distance along the sphere of each of the others: where they start, (n + 1,),
         and their numbers, rising for each.
         """
-        here = _unit(*others).reshape(-1, 3)
-        near = self._tree.query_ball_point(here, _chord(distance_m), return_sorted=True)
+        near = self._tree.query_ball_point(others.unit, _chord(distance_m), return_sorted=True)
         first = np.concatenate([[0], np.cumsum([len(rows) for rows in near], dtype=np.int64)])
         if not len(near):
             return first, np.zeros(0, np.int32)
@@ -196,8 +195,7 @@ def coverage(
     points: Places,
     spacing_m: float,
 ) -> NDArray[np.uint8]:
-    """`Status` of each spacing cell; places are (longitudes, latitudes) in degrees, cells are given
-    by their centres.
+    """`Status` of each spacing cell; cells are given by their centres.
 
     ``has_heights``: True for cells with heights. ``stages`` of the candidates: 0 never localisable,
     1 localisable but never unique as well, 2 both but never independent as well, 3 usable, 4 usable
@@ -209,8 +207,8 @@ def coverage(
     no heights, no point near and no candidate.
     """
     best = np.where(np.asarray(has_heights, dtype=np.bool_), 0, -1)
-    cell, away_m = nearest(*candidates, *cells)
+    cell, away_m = nearest(candidates, cells)
     own = away_m <= spacing_m
     np.maximum.at(best, cell[own], np.asarray(stages, dtype=np.int64)[own])
-    best[nearest(*cells, *points)[1] <= spacing_m] = 3
+    best[nearest(cells, points)[1] <= spacing_m] = 3
     return np.where(best < 0, np.uint8(Status.NODATA), _BY_STAGE[best])

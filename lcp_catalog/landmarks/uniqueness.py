@@ -81,8 +81,9 @@ class SearchImages:
             given = np.stack([fill_missing(image, size) for image in given])
             centred(given, fine, power)
         coarse = halved(fine)
-        parts = _norms(fine, size), coarse, _norms(coarse, size // 2)
-        return cls(size, fine, *parts, _FLAT * np.sqrt(power) * size)
+        least_norm = _FLAT * np.sqrt(power) * size
+        norms, coarse_norms = _norms(fine, size), _norms(coarse, size // 2)
+        return cls(size, fine, norms, coarse, coarse_norms, least_norm)
 
 
 def other_places(
@@ -128,7 +129,8 @@ def other_places(
         np.ascontiguousarray(patches, dtype=np.float32),
         np.zeros(count, np.int64) if which is None else which, origins, search,
         float(exclusion), not (exact or searched_exactly(size, search)),
-        np.full(count, -2.0) if least is None else least, RING, *found,
+        np.full(count, -2.0) if least is None else least, RING,
+        found.correlation, found.contrast, found.near, found.near_contrast,
     )  # fmt: skip
     return found
 

@@ -20,7 +20,7 @@ from ..kernels.rays.bundles import scaled
 from ..terrain.area import Area, NodeWindow
 from ..terrain.horizons import HorizonPoints
 from ..terrain.surroundings import SunRays, build_surrounded, surroundings
-from ..terrain.terrain import Terrain, native_gsd_m
+from ..terrain.terrain import Ground, Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
 
 _LOWEST_DEG = -7.0
@@ -53,8 +53,8 @@ def sun_over_ground(
     table = sun_table(EnuFrame(lon_deg, lat_deg, float(height) + above_m), times)
     lowest = float(np.min(table.elevation_deg - table.disc_radius_deg, initial=90.0))
     tangent = math.tan(math.radians(min(max(lowest, _LOWEST_DEG), 89.0)))
-    place = (dems, EnuFrame(lon_deg, lat_deg), NodeWindow(0, 1, 0, 1), gsd_m)
-    terrain = build_surrounded(*place, surroundings(*place, SunRays.all_around(tangent)))
+    ground = Ground(dems, EnuFrame(lon_deg, lat_deg), NodeWindow(0, 1, 0, 1), gsd_m)
+    terrain = build_surrounded(ground, surroundings(ground, SunRays.all_around(tangent)))
     return among_terrain(table, terrain, above_m)
 
 

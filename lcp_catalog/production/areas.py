@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from ..dem.mosaic import DemSet
 from ..errors import AreaError
+from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..terrain.area import Area, NodeWindow
 from .config import ModelConfig
@@ -54,11 +56,11 @@ class AreaGrid:
     def latitudes(self, row: int) -> tuple[float, float]:
         return -90.0 + row * self.height_deg, -90.0 + (row + 1) * self.height_deg
 
-    def box(self, row: int, column: int) -> tuple[float, float, float, float]:
-        """West, south, east, north of an area, degrees; longitudes 0..360."""
+    def box(self, row: int, column: int) -> Bounds:
+        """The box of an area; longitudes 0..360."""
         south, north = self.latitudes(row)
         width = 360.0 / self.columns(row)
-        return column * width, south, (column + 1) * width, north
+        return Bounds(column * width, south, (column + 1) * width, north)
 
     def middle(self, row: int, column: int) -> tuple[float, float]:
         """Longitude and latitude of the centre of an area, degrees."""
@@ -214,14 +216,29 @@ def sample_places(grid: AreaGrid, row: int, column: int) -> tuple[Array, Array]:
     return lon.ravel(), lat.ravel()
 
 
+def reached(
+    tasks: Sequence[AreaTask], grid: AreaGrid, dems: DemSet, own: Sequence[int]
+) -> list[AreaTask]:
+    """The areas that one of the DEMs ``own`` (indices) reaches into. No pixel is read."""
+    if len(own) == len(dems.dems):
+        return list(tasks)
+    boxes = [dems.dems[i].grid.bounds for i in own]
+    return [
+        task
+        for task in tasks
+        if any(box.meets(grid.box(task.row, task.column)) for box in boxes)
+        and dems.candidates_at(*sample_places(grid, task.row, task.column))[list(own)].any()
+    ]
+
+
 def _window(
     grid: AreaGrid, row: int, column: int, places: tuple[Array, Array], whole: bool, gsd_m: float
 ) -> NodeWindow:
     """The nodes of an area that enclose places (longitudes, latitudes) in it, with a margin;
     ``whole``: they are all its sample points.
     """
-    frame = EnuFrame(*grid.middle(row, column))
-    x, y, _ = np.moveaxis(frame.from_mcmf(lonlat_to_mcmf(*places)), -1, 0)
+    frame, (lon, lat) = EnuFrame(*grid.middle(row, column)), places
+    x, y, _ = np.moveaxis(frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
     step = math.radians(grid.height_deg) * MOON_RADIUS_M / (_SAMPLES - 1) / gsd_m
     margin = 1.0 if whole else step + 1.0
     return NodeWindow(

@@ -19,22 +19,16 @@ from ..catalog.hdf5 import Catalog, Coverage, new_catalog
 from ..catalog.maps import overview_levels
 from ..catalog.packing import sigma_step_m
 from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
-from ..dem.error_maps import ErrorMaps
-from ..dem.mosaic import DemSet
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
-from ..landmarks.error_model import ErrorModel
-from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, select, stable_id
-from ..photometry.albedo_map import AlbedoMap
-from ..photometry.laws import Reflectance
+from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, Places, select, stable_id
 from ..rendering.plan import ScenePlan
-from ..terrain.area import Area
 from .checkpoints import Checkpoints
 from .config import BuildConfig, ErrorConfig
 from .evaluation import image_scales
 from .finished_area import record_type
 from .joined_areas import JoinedAreas
-from .levels import sources
 from .promise import PromiseChoice
+from .recipe import Recipe
 from .region_maps import has_heights, overview_bytes, region_coverage, region_overview
 
 BLOCK_BYTES = 2**25
@@ -53,66 +47,49 @@ _BYTES_BESIDE = 350
 
 @dataclass(frozen=True)
 class Assembly:
-    """What a catalogue needs beside the areas: ``model``: the reflectance model of all images;
-    ``errors``: their error model.
-    """
+    """The catalogue of areas (``names``) of a recipe that are finished."""
 
-    config: BuildConfig
-    dems: DemSet
-    region: Area
-    gsd_m: float
-    model: Reflectance
-    errors: ErrorModel
-    albedo: AlbedoMap | None = None
-    maps: ErrorMaps | None = None
+    recipe: Recipe
+    checkpoints: Checkpoints
+    names: Sequence[str]
 
-    def write(
-        self,
-        checkpoints: Checkpoints,
-        names: Sequence[str],
-        output: Path,
-        overwrite: bool,
-        check: Callable[[], None] = lambda: None,
-    ) -> int:
-        """Choose the points among the candidates of the areas (names) and write the catalogue. Return
-        the number of points. ``check``: called before the file appears under its name, which it does
-        not if that raises an error.
+    def write(self, output: Path, overwrite: bool, check: Callable[[], None]) -> int:
+        """Choose the points among the candidates of the areas and write the catalogue. Return the number
+        of points. ``check``: called before the file appears under its name, which it does not if that
+        raises an error.
 
         AreaFailedError for an area that is lost or damaged; otherwise errors as `new_catalog`.
         """
-        choice = PromiseChoice.of(self.region, self.config, self.gsd_m)
-        areas = JoinedAreas.read(checkpoints, names, choice.see if choice else _unseen)
+        recipe = self.recipe
+        choice = PromiseChoice.of(recipe.region, recipe.config)
+        areas = JoinedAreas.read(self.checkpoints, self.names, choice.see if choice else _unseen)
         table, stages = areas.table, areas.table["stage"]
         if choice:
             chosen, promise = choice.choose(table, self._with_heights(choice), self._most(areas))
             stages = np.where(stages == USABLE_STAGE, SPARE_STAGE, stages)
         else:
-            chosen, promise = choose(table, self.config, self.gsd_m), None
-        head, products = self._head(areas.plan), self.dems.products
-        with new_catalog(head, len(chosen), products, output, overwrite) as file:
-            kind = record_type(self.config, self.albedo is not None)
+            chosen, promise = choose(table, recipe.config), None
+        head = self._head(areas.plan)
+        with new_catalog(head, len(chosen), recipe.dems.products, output, overwrite) as file:
+            kind = record_type(recipe.config)
             step = max(1, BLOCK_BYTES // kind.itemsize)
             for start in range(0, len(chosen), step):
                 rows = chosen[start : start + step]
                 file.add(self._values(table[rows], areas.records(rows, kind)))
             with file.flags() as condition:
                 coverage = region_coverage(
-                    self.dems,
-                    self.region,
-                    (table["lon_deg"], table["lat_deg"]),
+                    recipe.dems,
+                    recipe.region,
+                    Places(table["lon_deg"], table["lat_deg"]),
                     stages,
-                    (table["lon_deg"][chosen], table["lat_deg"][chosen]),
+                    Places(table["lon_deg"][chosen], table["lat_deg"][chosen]),
                     condition,
-                    _spacing_m(self.config, self.gsd_m),
-                    self._sources,
+                    spacing_m(recipe.config),
+                    recipe.sources,
                 )
             file.finish(coverage, promise)
             check()
         return len(chosen)
-
-    @property
-    def _sources(self) -> tuple[int, ...]:
-        return sources(self.config, self.dems, self.gsd_m)
 
     def _with_heights(self, promise: PromiseChoice) -> Mask:
         """True for the places of a promise but those without candidates and without heights from the DEMs
@@ -121,31 +98,35 @@ class Assembly:
         held = np.ones(len(promise.best), np.bool_)
         bare = np.flatnonzero(~promise.best.any(axis=1))
         held[bare] = has_heights(
-            self.dems, promise.places.lon_deg[bare], promise.places.lat_deg[bare], self._sources
+            self.recipe.dems,
+            promise.places.at.lon_deg[bare],
+            promise.places.at.lat_deg[bare],
+            self.recipe.sources,
         )
         return held
 
     def _most(self, areas: JoinedAreas) -> int | None:
         """Most points that the configuration allows; None without a limit."""
-        points = self.config.points
+        config = self.recipe.config
+        points = config.points
         limits = [] if points.max_points is None else [points.max_points]
         if points.max_bytes is not None:
             rows = np.flatnonzero(areas.table["usable"])
             some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SAMPLED)).astype(np.int64)]
-            records = areas.records(some, record_type(self.config, self.albedo is not None))
+            records = areas.records(some, record_type(config))
             each = _stored_bytes(records) / max(1, len(records)) + _BYTES_BESIDE
-            beside = _FILE_BYTES + overview_bytes(self.region, self.gsd_m)
+            beside = _FILE_BYTES + overview_bytes(self.recipe.region, config.gsd_m)
             limits.append(max(1, int((points.max_bytes - beside) / each)))
         return min(limits, default=None)
 
     def _head(self, plan: ScenePlan) -> Catalog:
         """The catalogue without points and coverage."""
-        config, sun, view = self.config, self.config.sun, self.config.view
-        spacing_m = _spacing_m(config, self.gsd_m)
-        overview = region_overview(self.dems, self.region, self.gsd_m)
-        resolved = _resolved(config, self.region, self.gsd_m, spacing_m, self.model, self.errors)
-        files = self.dems.sources()
-        none = np.zeros(0, record_type(config, self.albedo is not None))
+        recipe, config = self.recipe, self.recipe.config
+        sun, view = config.sun, config.view
+        overview = region_overview(recipe.dems, recipe.region, config.gsd_m)
+        resolved = _resolved(recipe)
+        files = recipe.dems.sources()
+        none = np.zeros(0, record_type(config))
         empty = self._values(np.zeros(0, [("lon_deg", "<f8"), ("lat_deg", "<f8")]), none)
         columns: dict[str, Any] = {
             f.name: empty[f.name] for f in dataclasses.fields(Catalog) if f.name in empty
@@ -162,13 +143,13 @@ class Assembly:
             config=resolved.to_toml(),
             history=f"build of {', '.join(str(one['name']) for one in files)} with {resolved.in_one_line()}",
             sources=files,
-            albedo_map=self.albedo.provenance() if self.albedo else None,
+            albedo_map=recipe.albedo.provenance() if recipe.albedo else None,
             scene_plan=plan.to_json(),
-            errors=self.errors.to_dict() | {"min_detection": config.points.min_detection},
-            sigma_step_m=sigma_step_m(np.array([self.gsd_m])),
+            errors=recipe.errors.to_dict() | {"min_detection": config.points.min_detection},
+            sigma_step_m=sigma_step_m(np.array([config.gsd_m])),
             overview=overview,
             overview_levels=overview_levels(overview),
-            coverage=Coverage(np.zeros(0), np.zeros(0), np.zeros(0, np.uint8), spacing_m),
+            coverage=Coverage(np.zeros(0), np.zeros(0), np.zeros(0, np.uint8), spacing_m(config)),
         )
 
     def _values(self, table: AnyArray, records: AnyArray) -> dict[str, AnyArray]:
@@ -179,17 +160,20 @@ class Assembly:
             for name in records.dtype.names or ()
             if name in VARIABLES
         }
-        condition, elevations = columns["condition"], np.array(self.config.sun.elevations_deg)
+        condition, elevations = (
+            columns["condition"],
+            np.array(self.recipe.config.sun.elevations_deg),
+        )
         lowest, highest = summarise_usable(condition, elevations)
         sigma, resolution = self._height_errors(lon, lat, product)
-        names = np.array(self.dems.products, dtype=object)
+        names = np.array(self.recipe.dems.products, dtype=object)
         return columns | {
             "point_id": stable_id(lon, lat),
             "longitude": np.ascontiguousarray(lon),
             "latitude": np.ascontiguousarray(lat),
             "position_mcmf": lonlat_to_mcmf(lon, lat, columns["elevation"]),
             "rotation_mcmf_to_enu": enu_rotation(lon, lat),
-            "gsd": np.full(len(table), self.gsd_m),
+            "gsd": np.full(len(table), self.recipe.gsd_m),
             "dem_product": names[product],
             "elevation_sigma": sigma,
             "dem_resolution": resolution,
@@ -203,11 +187,12 @@ class Assembly:
         """1-sigma of the heights and resolution of the DEM at each point, from the maps or else the
         DEM's own, metres; NaN if unknown.
         """
-        sigma = _known([dem.facts.sigma_m for dem in self.dems.dems])[product]
-        resolution = _known([dem.resolution_m for dem in self.dems.dems])[product]
-        if self.maps is None:
+        dems, maps = self.recipe.dems.dems, self.recipe.maps
+        sigma = _known([dem.facts.sigma_m for dem in dems])[product]
+        resolution = _known([dem.resolution_m for dem in dems])[product]
+        if maps is None:
             return sigma, resolution
-        own = self.maps.at(lon, lat)
+        own = maps.at(lon, lat)
         sigma, resolution = (
             np.where(np.isfinite(mapped), mapped, figure)
             for mapped, figure in zip(own, (sigma, resolution), strict=True)
@@ -229,16 +214,17 @@ def _stored_bytes(records: AnyArray) -> int:
     return total
 
 
-def choose(table: AnyArray, config: BuildConfig, gsd_m: float) -> Index:
+def choose(table: AnyArray, config: BuildConfig) -> Index:
     """Rows of a table of candidates (`finished_area.TABLE`) that become points, evenly spread: those with
     the most usable conditions first, then those with the finest localisation.
     """
-    spacing_m = _spacing_m(config, gsd_m)
-    return select(table["lon_deg"], table["lat_deg"], table["usable"], table["quality"], spacing_m)
+    places = Places(table["lon_deg"], table["lat_deg"])
+    return select(places, table["usable"], table["quality"], spacing_m(config))
 
 
-def _spacing_m(config: BuildConfig, gsd_m: float) -> float:
-    return config.points.spacing_nodes(gsd_m) * gsd_m
+def spacing_m(config: BuildConfig) -> float:
+    """Side of the cells in which candidates are looked for, metres."""
+    return config.points.spacing_nodes(config.gsd_m) * config.gsd_m
 
 
 def _known(figures: list[float | None]) -> Array:
@@ -246,25 +232,18 @@ def _known(figures: list[float | None]) -> Array:
     return np.array([math.nan if figure is None else figure for figure in figures])
 
 
-def _resolved(
-    config: BuildConfig,
-    region: Area,
-    gsd_m: float,
-    spacing_m: float,
-    model: Reflectance,
-    errors: ErrorModel,
-) -> BuildConfig:
+def _resolved(recipe: Recipe) -> BuildConfig:
     """The configuration with the values that were derived from the DEM, without folders."""
-    area = dataclasses.replace(config.area, gsd_m=gsd_m)
+    config, area = recipe.config, recipe.config.area
     if not area.center_deg and not area.bounds_deg:
-        area = dataclasses.replace(area, bounds_deg=tuple(region.bounds))
-    search_m = config.points.search_nodes(gsd_m) * gsd_m
+        area = dataclasses.replace(area, bounds_deg=tuple(recipe.region.bounds))
+    search_m = config.points.search_nodes(config.gsd_m) * config.gsd_m
     promised = config.points.promised
     points = dataclasses.replace(config.points, search_m=search_m, per_view=promised)
     if not promised:  # else it is the side of cells alone
-        points = dataclasses.replace(points, spacing_m=spacing_m)
-    section = dataclasses.replace(config.model.portable, reflectance=model.name)
-    known = ErrorConfig(**errors.to_dict())
+        points = dataclasses.replace(points, spacing_m=spacing_m(config))
+    section = dataclasses.replace(config.model.portable, reflectance=recipe.law.model.name)
+    known = ErrorConfig(**recipe.errors.to_dict())
     return dataclasses.replace(
         config, area=area, dem=config.dem.portable, points=points, model=section, errors=known
     )

@@ -694,12 +694,23 @@ class BuildConfig:
             changed[section] = dataclasses.replace(old, **(defaults | given))
         return dataclasses.replace(self, **changed)
 
-    def at_level(self, gsd_m: float) -> BuildConfig:
-        """The configuration of one level: this cell size, points only from DEMs that resolve it."""
+    @property
+    def gsd_m(self) -> float:
+        """Cell size, metres. ConfigError for a configuration that leaves it to the DEM or has several."""
+        if self.area.gsd_m is None:
+            raise ConfigError("the configuration does not state one cell size")
+        return self.area.gsd_m
+
+    def at_cell(self, gsd_m: float) -> BuildConfig:
+        """The configuration with this cell size; instead of several, with points only from DEMs that
+        resolve it.
+        """
+        several = bool(self.area.levels_m or self.area.altitudes_km)
         area = dataclasses.replace(
             self.area, gsd_m=gsd_m, levels_m=(), altitudes_km=(), ifov_rad=None
         )
-        dem = dataclasses.replace(self.dem, only_resolving=True)
+        only = self.dem.only_resolving or several
+        dem = dataclasses.replace(self.dem, only_resolving=only)
         return dataclasses.replace(self, area=area, dem=dem)
 
     @property

@@ -14,13 +14,13 @@ from ..memory import peak_mb, resident_mb
 from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
-from .assembly import BLOCK_BYTES, choose
+from .assembly import BLOCK_BYTES, choose, spacing_m
 from .evaluation import image_scales
 from .executor import FORKED
 from .finished_area import record_type, table_of
 from .promise import PromisedPlaces
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
-from .run import Build, most_poleward
+from .run import Build, Level, most_poleward
 
 FILE_BYTES = 180_000
 """Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB)."""
@@ -90,60 +90,59 @@ def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any
     """
     start_s = min(time.process_time(), START_S) + FINISH_S
     start_s += WORKER_START_S if workers > 1 else 0.0
-    return _estimate(build, workers, start_s, FORKED and not cluster)
+    forked = FORKED and not cluster
+    levels = [_estimate(level, workers, start_s, forked) for level in build.levels]
+    return levels[0] if len(levels) == 1 else _together(build, levels, start_s)
 
 
-def _estimate(build: Build, workers: int, start_s: float, forked: bool) -> dict[str, Any]:
-    """`estimate` of a build that takes ``start_s`` besides its areas; ``forked``: its worker processes are."""
-    if build.levels:
-        levels = [_estimate(level, workers, start_s, forked) for level in build.levels]
-        return _together(build, levels, start_s)
-    config = build.config
-    conditions = [conditions_at(job.task.lat_deg, config) for job in build.jobs]
-    halo = config.points.search_nodes(build.gsd_m) + config.points.half
-    nodes = [math.prod(job.task.window.grown(halo).shape) for job in build.jobs]
+def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[str, Any]:
+    """`estimate` of a level that takes ``start_s`` besides its areas; ``forked``: its worker processes are."""
+    config = level.recipe.config
+    conditions = [job.conditions for job in level.jobs]
+    halo = config.points.search_nodes(config.gsd_m) + config.points.half
+    nodes = [math.prod(job.task.window.grown(halo).shape) for job in level.jobs]
     cells = sum(n * c.count for n, c in zip(nodes, conditions, strict=True))
-    work = [job.work for job in build.jobs]
+    work = [job.work for job in level.jobs]
     order = sorted((k for k, w in enumerate(work) if w), key=work.__getitem__)
     sample = order[len(order) // 2]
     planned_mb = peak_mb(), resident_mb()
     measured = _spread(order, sample)
-    first_s, seconds, results = _measured(build, *measured)
-    ground = {k: math.prod(build.jobs[k].task.window.shape) for k in order}
+    first_s, seconds, results = _measured(level, measured)
+    ground = {k: level.jobs[k].nodes for k in order}
     share = sum(ground.values()) / sum(ground[k] for k in measured)
     candidates = share * sum(len(result.candidates) for result in results)
     alone = [
-        len(choose(table_of(result.candidates, config), config, build.gsd_m))
-        * _share_among_others(build, k)
+        len(choose(table_of(result.candidates, config), config)) * _share_among_others(level, k)
         for k, result in zip(measured, results, strict=True)
     ]
-    points = min(share * sum(alone), _promised(build))
-    here = min(workers, len(build.jobs)) == 1
+    points = min(share * sum(alone), _promised(level))
+    here = min(workers, len(level.jobs)) == 1
     before_mb = (peak_mb(), resident_mb()) if here else planned_mb
-    merge_mb = _merge_mb(build, points, candidates)
-    layers = 1 if build.albedo is None else 2  # of a patch: heights, and brightness
+    merge_mb = _merge_mb(level, points, candidates)
+    layers = 1 if config.model.albedo is None else 2  # of a patch: heights, and brightness
     patch = config.points.patch_nodes**2 * 4 * layers
     claims = int(np.prod(conditions[sample].shape)) * (
         1 + _CLAIM_BYTES * len(image_scales(config.points.patch_nodes))
     )
     return {
-        "areas": len(build.jobs),
+        "areas": len(level.jobs),
         "suns": max(c.count for c in conditions) // len(config.view),
         "views": len(config.view),
         "cell_renders": cells,
         "memory_mb_per_worker": round(peak_mb() - (NOT_MAPPED_MB if forked and not here else 0.0)),
         "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
-            start_s + first_s + _seconds(build, measured, seconds, min(workers, len(build.jobs))), 1
+            start_s + first_s + _seconds(level, measured, seconds, min(workers, len(level.jobs))), 1
         ),
         "bytes_estimate": int(
             FILE_BYTES
-            + STORED_SHARE * (points * patch + int(overview_bytes(build.region, build.gsd_m)))
+            + STORED_SHARE
+            * (points * patch + int(overview_bytes(level.recipe.region, level.recipe.gsd_m)))
             + STORED_CLAIMS * points * claims
         ),
         "decisions": [
-            _cell_decision(build),
-            _sun_decision(build),
+            _cell_decision(level),
+            _sun_decision(level),
             *results[0].plan.to_json()["decisions"],
         ],
     }
@@ -158,32 +157,31 @@ def _spread(order: list[int], middle: int) -> list[int]:
     return list(dict.fromkeys([middle, *(along[place] for place in places), order[0]]))
 
 
-def _share_among_others(build: Build, index: int) -> float:
+def _share_among_others(level: Level, index: int) -> float:
     """Points of an area in the whole build over those of the area alone, which has more at its border:
     no other area's points are near.
     """
-    spacing = EDGE_SPACINGS * build.config.points.spacing_nodes(build.gsd_m)
-    sides = build.jobs[index].task.window.shape
+    spacing = EDGE_SPACINGS * level.recipe.config.points.spacing_nodes(level.recipe.gsd_m)
+    sides = level.jobs[index].task.window.shape
     return math.prod(side / (side + spacing) for side in sides)
 
 
-def _promised(build: Build) -> float:
+def _promised(level: Level) -> float:
     """Points that the promise takes; infinite without one."""
-    points = build.config.points
+    points = level.recipe.config.points
     if not points.promised:
         return math.inf
-    conditions = math.prod(conditions_at(0.0, build.config).shape)
-    places = PromisedPlaces.of(build.region, points, build.gsd_m, conditions)
-    footprints = build.region.bounds_m2 / (math.pi * places.radius_m**2)
+    conditions = math.prod(conditions_at(0.0, level.recipe.config).shape)
+    places = PromisedPlaces.of(level.recipe.region, points, level.recipe.gsd_m, conditions)
+    footprints = level.recipe.region.bounds_m2 / (math.pi * places.radius_m**2)
     return PROMISE_POINTS * footprints * float(places.demand.mean())
 
 
-def _merge_mb(build: Build, points: float, candidates: float) -> float:
+def _merge_mb(level: Level, points: float, candidates: float) -> float:
     """Memory that the choice of the points and the writing of the catalogue add, MB."""
-    record = record_type(build.config, build.albedo is not None).itemsize
-    spacing_m = build.config.points.spacing_nodes(build.gsd_m) * build.gsd_m
-    conditions = math.prod(conditions_at(0.0, build.config).shape)
-    cells = min(COVERAGE_CELLS, build.region.bounds_m2 / spacing_m**2)
+    record = record_type(level.recipe.config).itemsize
+    conditions = math.prod(conditions_at(0.0, level.recipe.config).shape)
+    cells = min(COVERAGE_CELLS, level.recipe.region.bounds_m2 / spacing_m(level.recipe.config) ** 2)
     return MERGE_MB + 1e-6 * (
         BLOCK_COPIES * min(points * record, BLOCK_BYTES)
         + CANDIDATE_BYTES * candidates
@@ -201,7 +199,7 @@ def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dic
         for key, value in levels[0].items()
         if isinstance(value, int | float)
     }
-    cells = [level.gsd_m for level in build.levels]
+    cells = [level.recipe.gsd_m for level in build.levels]
     return total | {
         "seconds_estimate": round(total["seconds_estimate"] - again * start_s, 1),
         "bytes_estimate": total["bytes_estimate"] - again * FILE_BYTES,
@@ -210,11 +208,11 @@ def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dic
     }
 
 
-def _seconds(build: Build, indices: list[int], measured: list[float], workers: int) -> float:
-    """Time of a build's areas from the seconds of some, the smallest as the last: a constant for each
+def _seconds(level: Level, indices: list[int], measured: list[float], workers: int) -> float:
+    """Time of a level's areas from the seconds of some, the smallest as the last: a constant for each
     area, and seconds proportional to its `AreaJob.work`.
     """
-    work = np.array([job.work for job in build.jobs], dtype=np.float64)
+    work = np.array([job.work for job in level.jobs], dtype=np.float64)
     others = slice(0, max(1, len(indices) - 1))
     large, most = float(np.mean(work[indices[others]])), float(np.mean(measured[others]))
     small, least = float(work[indices[-1]]), measured[-1]
@@ -225,15 +223,15 @@ def _seconds(build: Build, indices: list[int], measured: list[float], workers: i
     return float(total) / workers
 
 
-def _cell_decision(build: Build) -> dict[str, Any]:
+def _cell_decision(level: Level) -> dict[str, Any]:
     """The choice of the cell, in the form of the scene plan's decisions."""
-    reason = f"cells of {build.gsd_m:.5g} m: {build.cell.reason}"
+    reason = f"cells of {level.recipe.gsd_m:.5g} m: {level.cell.reason}"
     return asdict(Decision("cell size", True, reason, None, "m"))
 
 
-def _sun_decision(build: Build) -> dict[str, Any]:
+def _sun_decision(level: Level) -> dict[str, Any]:
     """The grid of Suns, in the form of the scene plan's decisions."""
-    sun, latitude = build.config.sun, most_poleward(build.region)
+    sun, latitude = level.recipe.config.sun, most_poleward(level.recipe.region)
     listed = ", ".join(f"{elevation:g}" for elevation in sun.elevations_deg)
     reason = "as configured"
     if sun == replace(sun, elevations_deg=()).at(latitude):
@@ -246,7 +244,7 @@ def _sun_decision(build: Build) -> dict[str, Any]:
     return asdict(Decision("Suns", True, text, None, "deg"))
 
 
-def _measured(build: Build, *indices: int) -> tuple[float, list[float], list[AreaResult]]:
+def _measured(level: Level, indices: list[int]) -> tuple[float, list[float], list[AreaResult]]:
     """Seconds that the first area takes longer the first time; seconds of areas, on one thread, without
     that; and their results.
     """
@@ -254,7 +252,7 @@ def _measured(build: Build, *indices: int) -> tuple[float, list[float], list[Are
     with limit_threads(1):
         for index in (indices[0], *indices):
             start = time.perf_counter()
-            results.append(run_area(build.jobs[index]))
+            results.append(run_area(level.jobs[index]))
             seconds.append(time.perf_counter() - start)
     first_s = min(max(seconds[0] - seconds[1], 0.0), FIRST_S)
     return first_s, seconds[1:], results[1:]

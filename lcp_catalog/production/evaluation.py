@@ -7,12 +7,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Float32, Index, Mask
+from ..arrays import Array, Bytes, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import fill_missing
@@ -22,8 +21,7 @@ from ..landmarks.localization import Registration, harris_response, light_of
 from ..landmarks.patches import halved, halved_changes, through_optics
 from ..landmarks.uniqueness import RING, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
-from .items import Items, Patches
-from .patch_light import PatchLight
+from .patches import Items, Patches, PatchLight
 from .place_errors import PlaceErrors
 from .sweep import RenderedImages, Sweep
 
@@ -57,7 +55,7 @@ class Evaluation:
     sun_azimuth).
     """
 
-    condition: NDArray[np.uint8]
+    condition: Bytes
     detection: Float32
     sigma_major_m: Float32
     sigma_minor_m: Float32
@@ -71,10 +69,13 @@ class Evaluation:
     @classmethod
     def empty(cls, count: int, scales: int, shape: tuple[int, int, int]) -> Evaluation:
         """``count`` candidates without results."""
-        condition = np.zeros((count, *shape), dtype=np.uint8)
-        scaled = [np.full((count, scales, *shape), np.nan, dtype=np.float32) for _ in range(4)]
-        rest = [np.full((count, *shape), np.nan, dtype=np.float32) for _ in range(5)]
-        return cls(condition, *scaled, *rest)
+        whole, scaled = (count, *shape), (count, scales, *shape)
+        of_scales = ("detection", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg")
+        sizes = {f.name: scaled if f.name in of_scales else whole for f in dataclasses.fields(cls)}
+        values: dict[str, Any] = {
+            name: np.full(size, np.nan, np.float32) for name, size in sizes.items()
+        }
+        return cls(**{**values, "condition": np.zeros(whole, np.uint8)})
 
     def share_views(self, views: Index, first: Index) -> None:
         """Give each of the views the results of view ``first``, which sees the same."""
@@ -87,23 +88,14 @@ class Evaluation:
         fields = dataclasses.fields(self)
         return Evaluation(*(getattr(self, f.name)[row : row + 1] for f in fields))
 
-    def with_rows(self, rows: NDArray[np.int64], other: Evaluation) -> Evaluation:
-        """A copy in which the given candidates are taken from ``other``."""
-        merged = []
+    def put(self, rows: Index, other: Evaluation) -> None:
+        """Write the results of ``other`` for the given candidates."""
         for f in dataclasses.fields(self):
-            values = getattr(self, f.name).copy()
-            values[rows] = getattr(other, f.name)
-            merged.append(values)
-        return Evaluation(*merged)
+            getattr(self, f.name)[rows] = getattr(other, f.name)
 
 
 def evaluate(
-    sweep: Sweep,
-    rows: NDArray[np.int64],
-    cols: NDArray[np.int64],
-    config: BuildConfig,
-    gsd_m: float,
-    errors: ErrorModel | PlaceErrors,
+    sweep: Sweep, rows: Index, cols: Index, config: BuildConfig, errors: ErrorModel | PlaceErrors
 ) -> Evaluation:
     """Evaluate candidates at nodes (rows, cols) of the sweep's window in every condition that can occur;
     ``errors``: one model for all, or those of their places. Views with parallel rays are rendered
@@ -118,43 +110,20 @@ def evaluate(
     known = sweep.conditions.reachable
     result.detection[..., known] = 0.0
     result.sigma_major_m[..., known] = result.sigma_minor_m[..., known] = np.inf
-    near = np.flatnonzero(sweep.near_views)
-    _evaluate_views(
-        sweep, np.flatnonzero(~sweep.near_views), (rows, cols), config, gsd_m, errors, result
-    )
+    near, half = np.flatnonzero(sweep.near_views), config.points.half
+    if len(near) < len(sweep.near_views):
+        light = PatchLight(sweep, rows, cols, half)
+        _Judge(light, config, errors, result).views(np.flatnonzero(~sweep.near_views))
     if len(near):
         for azimuth, _ in sweep.suns:
             sweep.dark(azimuth)  # once for all candidates
     for k in range(len(rows)) if len(near) else ():
-        own, row0, col0 = sweep.over(int(rows[k]), int(cols[k]), config.points.halo_nodes(gsd_m))
-        at, one = (rows[k : k + 1] - row0, cols[k : k + 1] - col0), np.array([k])
-        _evaluate_views(own, near, at, config, gsd_m, errors.rows(one), result.one(k))
+        own, row0, col0 = sweep.over(
+            int(rows[k]), int(cols[k]), config.points.halo_nodes(config.gsd_m)
+        )
+        light = PatchLight(own, rows[k : k + 1] - row0, cols[k : k + 1] - col0, half)
+        _Judge(light, config, errors.rows(np.array([k])), result.one(k)).views(near)
     return result
-
-
-def _evaluate_views(
-    sweep: Sweep,
-    views: Index,
-    where: tuple[NDArray[np.int64], NDArray[np.int64]],
-    config: BuildConfig,
-    gsd_m: float,
-    errors: PlaceErrors,
-    result: Evaluation,
-) -> None:
-    """Write the results of the given views for candidates at nodes ``where`` (rows, cols)."""
-    if not len(views):
-        return
-    light = PatchLight(sweep, *where, config.points.half)
-    for view in views.tolist():
-        hidden = light.occlusion_dependence(view)
-        result.occlusion_dependence[:, view, sweep.conditions.reachable] = hidden[:, None]
-    judge = _Judge(light, config, gsd_m, errors, result)
-    together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
-    ranges_m = np.where(sweep.near_views, sweep.conditions.view_ranges_m, np.inf)
-    first = _first_alike(sweep.view_directions, ranges_m)
-    for images in sweep.stacks(together, tuple(np.unique(first[views]).tolist())):
-        judge.images(images)
-    result.share_views(views, first[views])
 
 
 def _first_alike(directions: Array, ranges_m: Array) -> Index:
@@ -170,22 +139,37 @@ class _Judge:
         self,
         light: PatchLight,
         config: BuildConfig,
-        gsd_m: float,
         errors: PlaceErrors,
         result: Evaluation,
     ) -> None:
-        self.light, self.points, self.gsd_m, self.errors = light, config.points, gsd_m, errors
+        self.light, self.points, self.gsd_m = light, config.points, config.gsd_m
+        self.errors = errors
         self.result, self.scales = result, image_scales(config.points.patch_nodes)
         self.whole_search = config.model.precision.whole_search
 
+    def views(self, views: Index) -> None:
+        """Write the results of the given views, at least one."""
+        sweep = self.light.sweep
+        for view in views.tolist():
+            hidden = self.light.occlusion_dependence(view)
+            self.result.occlusion_dependence[:, view, sweep.conditions.reachable] = hidden[:, None]
+        together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
+        ranges_m = np.where(sweep.near_views, sweep.conditions.view_ranges_m, np.inf)
+        first = _first_alike(sweep.view_directions, ranges_m)
+        for images in sweep.stacks(together, tuple(np.unique(first[views]).tolist())):
+            self.images(images)
+        self.result.share_views(views, first[views])
+
     def images(self, images: RenderedImages) -> None:
         """Write the results of some images."""
-        result, points, (rows, cols, half) = self.result, self.points, self.light.where
+        result, points, light = self.result, self.points, self.light
+        rows, cols, half = light.rows, light.cols, light.half
         conditions, count = images.conditions, len(images.conditions)
         suns, own_sun = np.unique(conditions[:, 1:], axis=0, return_inverse=True)
-        shares, casts = zip(
-            *(self.light.shadow_dependence(*sun) for sun in suns.tolist()), strict=True
-        )
+        found = [
+            light.shadow_dependence(elevation, azimuth) for elevation, azimuth in suns.tolist()
+        ]
+        shares, casts = zip(*found, strict=True)
         own_sun, cast = own_sun.ravel(), np.stack(casts)
         at = (slice(None), *conditions.T)
         result.shadow_dependence[at] = np.stack(shares)[own_sun].T
@@ -200,7 +184,7 @@ class _Judge:
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
         size = 2 * half + 1
         filled = images.radiance if images.complete else _filled(images.radiance, size)
-        sources = [filled, *images.slopes]
+        radiance, slopes = filled, images.slopes
         whole = Items.all(count, rows, cols, half)
         own = whole.of(filled)
         share, level = light_of(own)
@@ -211,11 +195,11 @@ class _Judge:
         changed, change = self._changes(items, filled, conditions, cast[own_sun])
         for slot, scale in enumerate(self.scales):
             if scale > 1:
-                sources = [halved(source) for source in sources]
+                radiance, slopes = halved(radiance), halved(slopes)
                 change = halved_changes(change, items.rows[changed], items.cols[changed])
                 items = items.halved()
-            shown = [through_optics(sources[0], scale), *sources[1:]]
-            seen = items.of(shown[0])
+            shown = through_optics(radiance, scale)
+            seen = items.of(shown)
             alone = seen
             if len(changed):
                 alone = seen.copy()
@@ -223,7 +207,7 @@ class _Judge:
             _, level = light_of(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
-                patches = Patches(items, seen, alone, level, shown)
+                patches = Patches(items, seen, alone, level, shown, slopes)
                 if len(good) < len(level):
                     patches = patches.some(good)
                 self._judge(slot, conditions, patches)
@@ -233,7 +217,7 @@ class _Judge:
         items: Items,
         filled: Float32,
         conditions: Index,
-        cast: NDArray[np.bool_],
+        cast: Mask,
     ) -> tuple[Index, Float32]:
         """The patches into which only terrain around them casts shadows (k,), and their difference (k,
         p, p) from those in the images if they are rendered from their own nodes alone: these nodes
@@ -262,7 +246,7 @@ class _Judge:
         models = self.errors.rows(items.candidate)
         match = models.registration(patches.alone, patches.errors, pixel_m, patches.level)
         search = max(1, points.search_nodes(self.gsd_m) // scale)
-        images = SearchImages.of(patches.shown[0], patches.size)
+        images = SearchImages.of(patches.radiance, patches.size)
         false_match = points.min_detection if scale == 1 else math.inf
         whole = self.whole_search or searched_exactly(patches.size, search)
         chances = _chances(match, images, patches, search, false_match, exact=whole)
@@ -336,6 +320,6 @@ def _chances(
     )
 
 
-def _flagged(which: NDArray[np.bool_], flag: int) -> NDArray[np.uint8]:
+def _flagged(which: Mask, flag: int) -> Bytes:
     """The flag where ``which`` is true, else 0."""
     return np.where(which, flag, 0).astype(np.uint8)

@@ -74,28 +74,28 @@ class FinishedArea:
     stages: Bytes | None = None
 
 
-def record_type(config: BuildConfig, albedo: bool) -> np.dtype[np.void]:
+def record_type(config: BuildConfig) -> np.dtype[np.void]:
     """Type of the records of a build: variables of the catalogue by name, and ``product``, the index
     of the DEM.
     """
     side = config.points.patch_nodes
     shape = (len(config.view), len(config.sun.elevations_deg), len(config.sun.azimuths_deg))
-    scaled = (len(image_scales(side)), *shape)
+    scaled = (len(image_scales(config.points.patch_nodes)), *shape)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(_FIGURES, ())
     shapes |= {"localization_sigma": (2,), "condition": shape, "dem": (side, side)}
-    shapes |= {"albedo": (side, side)} if albedo else {}
+    shapes |= {"albedo": (side, side)} if config.model.albedo else {}
     shapes |= dict.fromkeys(PACKED, scaled)
     own = [(name, f"<{VARIABLES[name].dtype}", size) for name, size in shapes.items()]
     return np.dtype([("product", "<i2"), *own])
 
 
-def finished_area(result: AreaResult, config: BuildConfig, gsd_m: float) -> FinishedArea:
+def finished_area(result: AreaResult, config: BuildConfig) -> FinishedArea:
     """The table and the records of an area's candidates."""
     candidates = result.candidates
     table = table_of(candidates, config)
     some = np.flatnonzero(table["usable"])
-    records = np.zeros(len(some), record_type(config, candidates.albedo is not None))
-    for name, values in _record_columns(candidates, config, gsd_m).items():
+    records = np.zeros(len(some), record_type(config))
+    for name, values in _record_columns(candidates, config).items():
         records[name] = values[some]
     table["checksum"][some] = checksums(records)
     stages = cell_stages(candidates, config) if config.points.promised else None
@@ -152,8 +152,8 @@ def _stages(evaluation: Evaluation, enough: NDArray[np.bool_]) -> Index:
     return stages + enough
 
 
-def _record_columns(candidates: Candidates, config: BuildConfig, gsd_m: float) -> dict[str, Any]:
-    evaluation = candidates.evaluation
+def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, Any]:
+    evaluation, gsd_m = candidates.evaluation, config.gsd_m
     axes = [
         _over_usable(sigma[:, 0], evaluation, np.nanmax)
         for sigma in (evaluation.sigma_major_m, evaluation.sigma_minor_m)

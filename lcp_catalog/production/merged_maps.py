@@ -95,19 +95,19 @@ class MergedMaps:
         for part in self.parts:
             mine = np.flatnonzero(part.contains(lon, lat))
             cells = part.catalog.coverage
-            cell, _ = nearest(lon[mine], lat[mine], cells.longitude, cells.latitude)
+            cell, _ = nearest(Places(lon[mine], lat[mine]), Places(cells.longitude, cells.latitude))
             if len(cells.status):
                 rank[mine] = np.maximum(rank[mine], _RANK[cells.status[cell]])
-        rank[nearest(lon, lat, *points)[1] <= self.spacing_m] = _RANK[Status.POINT]
-        nearby = usable_nearby((lon, lat), points, condition, self.spacing_m)
+        rank[nearest(Places(lon, lat), points)[1] <= self.spacing_m] = _RANK[Status.POINT]
+        nearby = usable_nearby(Places(lon, lat), points, condition, self.spacing_m)
         return Coverage(lon, lat, _CODE[rank], self.spacing_m, nearby, step_m)
 
     def overview(self) -> Overview:
         """The heights of all overviews in one raster; where several show a place, of the finest."""
         boxes = [region.bounds for region in self.regions]
-        west, south, east, north = zip(*boxes, strict=True)
-        box = enclosing_bounds(west, east, min(south), max(north))
-        whole = Area.from_bounds(*box)
+        west, south, east, north = np.array(boxes).T
+        box = enclosing_bounds(west, east, float(south.min()), float(north.max()))
+        whole = Area.from_bounds(box.west, box.south, box.east, box.north)
         if whole.is_local:
             frame, extent_m = whole.frame, whole.extent_m
             plane = MapPlane(ORTHOGRAPHIC, frame.lon_deg, frame.lat_deg)

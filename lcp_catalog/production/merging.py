@@ -25,7 +25,7 @@ from ..catalog.promise import merged_promise
 from ..catalog.schema import PACKED, usable
 from ..catalog.stored import content_sha256
 from ..errors import CatalogError, ConfigError
-from ..landmarks.selection import select
+from ..landmarks.selection import Places, select
 from ..terrain.area import Area
 from .config import BuildConfig
 from .merged_maps import MergedMaps, MergedPart
@@ -189,7 +189,7 @@ class _Merge:
         with new_catalog(head, len(points), self._products(), output, overwrite) as file:
             for start in range(0, len(points), step):
                 file.add(self._values(points[start : start + step]))
-            places = points["lon_deg"], points["lat_deg"]
+            places = Places(points["lon_deg"], points["lat_deg"])
             with file.flags() as condition:
                 coverage = self.maps.coverage(places, condition)
             file.finish(coverage, self._promise())
@@ -293,8 +293,8 @@ def _spread(points: AnyArray, level: int, spacing_m: float) -> Index:
     """Rows of the points of a level that a build would choose; points that are never usable come last."""
     rows = np.flatnonzero(points["level"] == level)
     own = points[rows]
-    place = own["lon_deg"], own["lat_deg"]
-    return rows[select(*place, own["usable"] + 1, own["quality"], spacing_m)]
+    places = Places(own["lon_deg"], own["lat_deg"])
+    return rows[select(places, own["usable"] + 1, own["quality"], spacing_m)]
 
 
 # -- the rest of the file

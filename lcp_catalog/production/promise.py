@@ -19,10 +19,10 @@ from ..errors import ConfigError
 from ..geometry.frames import enu_rotation, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
 from ..landmarks.multicover import choose_cover, least_size, packed, unpacked
-from ..landmarks.selection import Nearby, nearest, select, stable_id
+from ..landmarks.selection import Nearby, Places, nearest, select, stable_id
 from ..terrain.area import Area
 from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
-from .moments import moment_cover
+from .moments import Near, moment_cover
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
 
 _FINEST, _COARSEST = 12.0, 4.0
@@ -51,8 +51,7 @@ class PromisedPlaces:
     ``footprint_m / 2 - radius_m``, so that it sees all points within ``radius_m`` of that.
     """
 
-    lon_deg: Array
-    lat_deg: Array
+    at: Places
     demand: Bytes  # usable points promised at each
     footprint_m: float
     radius_m: float
@@ -72,19 +71,19 @@ class PromisedPlaces:
             footprint_m = 1e3 * points.footprint_km
         cell_m = points.spacing_nodes(gsd_m) * gsd_m
         near = points.candidates_per_cell * math.pi / 4.0 * (footprint_m / cell_m) ** 2
-        lon, lat = _lattice(region, footprint_m, near, most)
-        reach_m = _reach_m(region, (lon, lat))
+        at = _lattice(region, footprint_m, near, most)
+        reach_m = _reach_m(region, at)
         if reach_m > 0.4 * footprint_m:
             raise ConfigError(
                 f"points.footprint_km of {footprint_m / 1e3:g} km is too small for this region: the "
                 f"promise needs at least {math.ceil(reach_m / 400.0)} km (a smaller region, or per_view 0)"
             )
-        share = _shares(region, (lon, lat), footprint_m / 2.0)
+        share = _shares(region, at, footprint_m / 2.0)
         demand = np.floor(points.promised * share + 1e-9).astype(np.uint8)
-        return cls(lon, lat, demand, footprint_m, footprint_m / 2.0 - reach_m)
+        return cls(at, demand, footprint_m, footprint_m / 2.0 - reach_m)
 
 
-def _lattice(region: Area, footprint_m: float, near: float, most: int) -> tuple[Array, Array]:
+def _lattice(region: Area, footprint_m: float, near: float, most: int) -> Places:
     """Places of an even lattice; ``near``: candidates in a footprint. As many places lie in a footprint,
     and the pairs of both grow with the region.
     """
@@ -93,28 +92,29 @@ def _lattice(region: Area, footprint_m: float, near: float, most: int) -> tuple[
     steps = math.sqrt(_LINKS / max(1.0, near * footprints))
     step_m = footprint_m / min(_FINEST, max(_COARSEST, steps))
     lon, lat, _ = coverage_cells(region, step_m, most)
-    return lon, lat
+    return Places(lon, lat)
 
 
-def _reach_m(region: Area, places: tuple[Array, Array]) -> float:
+def _reach_m(region: Area, places: Places) -> float:
     """Distance within which every place of a region has one of the ``places``, metres."""
     x0, x1, y0, y1 = region.extent_m
-    step_m = math.sqrt(max(1.0, (x1 - x0) * (y1 - y0)) / len(places[0]))
+    step_m = math.sqrt(max(1.0, (x1 - x0) * (y1 - y0)) / len(places.lon_deg))
     side = min(_LATTICE_MAX, 8 + math.ceil(4.0 * max(x1 - x0, y1 - y0) / step_m))
-    _, away_m = nearest(*region.lattice(side), *places)
+    lon, lat = region.lattice(side)
+    _, away_m = nearest(Places(lon, lat), places)
     beside_m = max(x1 - x0, y1 - y0) / (side - 1) / math.sqrt(2.0)
     return float(away_m.max(initial=0.0)) + beside_m
 
 
-def _shares(region: Area, places: tuple[Array, Array], radius_m: float) -> Array:
+def _shares(region: Area, places: Places, radius_m: float) -> Array:
     """Share of the disc around each place that lies in a region."""
     number = np.arange(_DISC) + 0.5
     away = radius_m / MOON_RADIUS_M * np.sqrt(number / _DISC)
     turn = number * math.pi * (3.0 - math.sqrt(5.0))
     part = [np.sin(away) * np.cos(turn), np.sin(away) * np.sin(turn), np.cos(away)]
     offsets = np.stack(part, axis=1)
-    share = np.empty(len(places[0]))
-    axes = enu_rotation(*places)
+    share = np.empty(len(places.lon_deg))
+    axes = enu_rotation(places.lon_deg, places.lat_deg)
     for start in range(0, len(share), _DISCS):
         some = slice(start, start + _DISCS)
         lon, lat, _ = mcmf_to_lonlat(MOON_RADIUS_M * offsets @ axes[some])
@@ -127,7 +127,6 @@ class PromiseChoice:
     """The promise of a build, and what its candidates do for it: `see` the areas in turn, then `choose`."""
 
     config: BuildConfig
-    gsd_m: float
     places: PromisedPlaces
     exists: Mask  # (place, cell): Suns that can happen, of those in ``columns``
     columns: Index  # of the whole grid of conditions, flat
@@ -136,11 +135,11 @@ class PromiseChoice:
     _bits: list[AnyArray] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        self.best = np.zeros((len(self.places.lon_deg), len(self.columns)), np.uint8)
-        self._nearby = Nearby((self.places.lon_deg, self.places.lat_deg))
+        self.best = np.zeros((len(self.places.demand), len(self.columns)), np.uint8)
+        self._nearby = Nearby(self.places.at)
 
     @classmethod
-    def of(cls, region: Area, config: BuildConfig, gsd_m: float) -> PromiseChoice | None:
+    def of(cls, region: Area, config: BuildConfig) -> PromiseChoice | None:
         """None for a build that promises nothing, or with Suns that all are outside what can happen.
         ConfigError for a footprint that is too small.
         """
@@ -148,8 +147,10 @@ class PromiseChoice:
             return None
         views = len(config.view)
         grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
-        places = PromisedPlaces.of(region, config.points, gsd_m, views * math.prod(grid.shape))
-        rounded = np.round(places.lat_deg / _LATITUDE_STEP_DEG) * _LATITUDE_STEP_DEG
+        places = PromisedPlaces.of(
+            region, config.points, config.gsd_m, views * math.prod(grid.shape)
+        )
+        rounded = np.round(places.at.lat_deg / _LATITUDE_STEP_DEG) * _LATITUDE_STEP_DEG
         latitudes, own = np.unique(rounded, return_inverse=True)
         can = np.array([_cells(grid, float(lat), config).ravel() for lat in latitudes])
         used = np.flatnonzero(can.any(axis=0))
@@ -157,30 +158,28 @@ class PromiseChoice:
             return None
         exists = np.tile(can[:, used], (1, views))[own]
         columns = (np.arange(views)[:, None] * can.shape[1] + used).ravel()
-        return cls(config, gsd_m, places, exists, columns)
+        return cls(config, places, exists, columns)
 
     def see(self, table: AnyArray, stages: Bytes) -> None:
         """Note what an area's candidates are good for (`sun_stages.cell_stages`)."""
         own = np.ascontiguousarray(stages[:, self.columns])
-        raise_to(self.best, *self._links(table["lon_deg"], table["lat_deg"]), own)
+        sites = Places(table["lon_deg"], table["lat_deg"])
+        first, place = self._nearby.around(sites, self.places.radius_m)
+        raise_to(self.best, first, place, own)
         self._bits.append(packed(own == Cause.FEW))
-
-    def _links(self, lon_deg: Array, lat_deg: Array) -> tuple[Index, AnyArray]:
-        """The places within the radius of each candidate: where they start, and their numbers."""
-        return self._nearby.around((lon_deg, lat_deg), self.places.radius_m)
 
     def choose(self, table: AnyArray, has_heights: Mask, most: int | None) -> tuple[Index, Promise]:
         """Rows of the table of all areas that become points, in the order of their ids, and how the
         promise is kept. ``has_heights``: of the places; ``most``: greatest number of points.
         """
         pool = self._pool(table)
-        sites = table["lon_deg"][pool], table["lat_deg"][pool]
+        sites = Places(table["lon_deg"][pool], table["lat_deg"][pool])
         usable = unpacked(np.concatenate(self._bits)[pool], len(self.columns))
-        given = (self.places.lon_deg, self.places.lat_deg), self.places.radius_m
+        radius_m = self.places.radius_m
+        first, place = self._nearby.around(sites, radius_m)
+        near = Near(sites, self.places.at, radius_m, first, place)
         grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
-        cover, happens = moment_cover(
-            sites, usable, *given, self._links(*sites), grid, self.columns
-        )
+        cover, happens = moment_cover(near, usable, grid, self.columns)
         demand = np.where(happens, self._demand(), 0).astype(np.int16)
         wanted = np.minimum(demand, cover.counts(np.arange(len(pool))))
         choice = choose_cover(cover, wanted, most)
@@ -191,16 +190,16 @@ class PromiseChoice:
         steps = np.unique(np.linspace(0, len(choice.met) - 1, _CURVE_STEPS).astype(np.int64))
         steps = steps[: len(choice.met)]
         promise = Promise(
-            longitude=self.places.lon_deg,
-            latitude=self.places.lat_deg,
+            longitude=self.places.at.lon_deg,
+            latitude=self.places.at.lat_deg,
             demand=self.places.demand,
             points=self._whole(np.minimum(found, NO_CELL - 1), demand),
             cause=self._whole(cause, demand),
             size=steps.astype(np.int32) + 1,
             met=choice.met[steps] / max(1, int(np.count_nonzero(wanted))),
             served=choice.served[steps],
-            places=np.array([len(self.places.lon_deg)]),
-            gsd=np.array([self.gsd_m]),
+            places=np.array([len(self.places.demand)]),
+            gsd=np.array([self.config.gsd_m]),
             per_view=np.array([self.config.points.promised]),
             footprint=np.array([self.places.footprint_m]),
             radius=np.array([self.places.radius_m]),
@@ -214,11 +213,10 @@ class PromiseChoice:
         """Candidates no two of which are closer than the least distance, those with more information
         first.
         """
-        distance_m = self.config.points.least_distance_m(self.gsd_m)
-        lon, lat, usable, quality = (
-            table[name] for name in ("lon_deg", "lat_deg", "usable", "quality")
-        )
-        pool = select(lon, lat, usable, quality, distance_m)
+        distance_m = self.config.points.least_distance_m(self.config.gsd_m)
+        places, usable = Places(table["lon_deg"], table["lat_deg"]), table["usable"]
+        quality = table["quality"]
+        pool = select(places, usable, quality, distance_m)
         keys = (-quality[pool], -usable[pool], -table["information"][pool])
         return pool[np.lexsort(keys)]
 

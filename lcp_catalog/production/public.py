@@ -10,7 +10,7 @@ from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_paths
 from .config import AreaConfig, BuildConfig
 from .merging import MergeReport, merge_catalogs
-from .run import Build, BuildReport, Progress, run_build
+from .run import Build, BuildReport, BuildRun, Progress
 
 
 def planned_build(
@@ -134,7 +134,7 @@ def build_catalog(
         gsd_m=gsd_m,
         memory_gb=memory_gb,
     )
-    return run_build(
+    return BuildRun(
         build,
         Path(output),
         jobs=jobs,
@@ -143,7 +143,7 @@ def build_catalog(
         overwrite=overwrite,
         keep_going=keep_going,
         progress=progress,
-    )
+    ).whole()
 
 
 def merge(

@@ -59,11 +59,13 @@ def region_coverage(
     most = min(COVERAGE_CELLS, COVERAGE_BYTES // max(1, math.prod(condition.shape[1:])))
     lon, lat, step_m = coverage_cells(region, spacing_m, most)
     cell_m = spacing_m / 8.0 if step_m is None else 0.0
-    status = coverage((lon, lat), np.zeros(len(lon), bool), candidates, stages, points, spacing_m)
+    status = coverage(
+        Places(lon, lat), np.zeros(len(lon), bool), candidates, stages, points, spacing_m
+    )
     bare = np.flatnonzero(status == Status.NODATA)  # nothing near: heights tell why
     held = np.isin(_read(dems, lon[bare], lat[bare], cell_m)[1], sources)
     status[bare[held]] = Status.FEATURELESS
-    nearby = usable_nearby((lon, lat), points, condition, spacing_m)
+    nearby = usable_nearby(Places(lon, lat), points, condition, spacing_m)
     return Coverage(lon, lat, status, spacing_m, nearby, step_m)
 
 

@@ -1,7 +1,11 @@
-"""A build: its plan, the computation of its areas, the choice among all candidates, the catalogue.
+"""A build: its plan, the computation of its areas, whole or in parts, and the catalogue.
 
 Points are chosen over all areas together, so that no point is duplicated or missing at the border of
 two areas.
+
+Parts are computed by processes without a connection on a shared disk: the tasks of an array job. Part
+K of N computes the areas K, K + N, K + 2 N ... into the checkpoints beside the output, in any order, at
+the same time or not. The merge writes the catalogue, the same as that of one build.
 """
 
 from __future__ import annotations
@@ -11,6 +15,7 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,57 +26,70 @@ from ..atomic_files import check_output
 from ..catalog.hdf5 import open_catalog
 from ..catalog.schema import COVERAGE_STATUS, SCHEMA_VERSION
 from ..dem.consistency import warn_of_disagreements
-from ..dem.error_maps import ErrorMaps
-from ..dem.height_errors import height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
 from ..ephemeris.reachable import highest_sun_deg
-from ..errors import AreaError, AreaFailedError, SunError
-from ..landmarks.error_model import ErrorModel
-from ..photometry.albedo_map import AlbedoMap
+from ..errors import AreaError, AreaFailedError, ConfigError, SunError
 from ..photometry.facet_file import law_file
-from ..photometry.law_choice import LawChoice
 from ..terrain.area import Area
 from ..terrain.region_warnings import warn_of_region
-from ..terrain.useful_cell import Cell, useful_cell
+from ..terrain.useful_cell import Cell
 from .area_job import AreaJob, run_area
-from .areas import AreaTask
+from .areas import AreaTask, reached
 from .assembly import Assembly
 from .checkpoints import Checkpoints
-from .config import BuildConfig, ModelConfig
+from .config import BuildConfig
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
 from .input_files import InputFiles
-from .levels import level_cells, sources, with_sources
 from .merging import merge_catalogs
 from .promise import PromiseChoice
-from .sweep import Conditions, law_of_build
+from .recipe import Recipe, cells
+from .sweep import Conditions
 from .worker_memory import caches_mb, divided
 
 log = logging.getLogger(__name__)
-
-_ERROR_PLACES = 33
-"""Side of the lattice of places at which a region's height errors are sampled."""
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
-class Build:
-    """A planned build: its region, divided into areas. ``levels``: of a catalogue of several cell sizes, the
-    build of each, from fine to coarse; ``cell`` is the finest, and ``jobs`` are those of all.
-    """
+class Level:
+    """The areas of one cell size of a build."""
 
-    config: BuildConfig
-    dems: DemSet
-    region: Area
+    recipe: Recipe
     cell: Cell
     jobs: tuple[AreaJob, ...]
-    choice: LawChoice
-    errors: ErrorModel
-    albedo: AlbedoMap | None = None
-    maps: ErrorMaps | None = None
-    inputs: InputFiles = field(default_factory=InputFiles, compare=False)
-    levels: tuple[Build, ...] = ()
+
+    @classmethod
+    def plan(cls, recipe: Recipe, cell: Cell, memory_gb: float | None, number: int | None) -> Level:
+        """Divide the region into areas. AreaError if it has none. ``number``: of the level among
+        several.
+        """
+        config = recipe.config
+        config.points.check_cells(cell.gsd_m)
+        PromiseChoice.of(recipe.region, config)  # raises ConfigError
+        config, grid, tasks = divided(recipe.region, config, memory_gb)
+        if not tasks:
+            raise AreaError(
+                "the region is smaller than a cell: give a larger `area.size_km` or other `area.bounds_deg`"
+            )
+        recipe = replace(recipe, config=config)
+        tasks = reached(tasks, grid, recipe.dems, recipe.sources)
+        if not tasks:
+            raise AreaError(
+                f"no DEM that resolves cells of {cell.gsd_m:g} m reaches into the region"
+            )
+        kept_mb = caches_mb(memory_gb)
+        jobs = (AreaJob(recipe, replace(task, level=number), grid, kept_mb) for task in tasks)
+        return cls(recipe, cell, tuple(jobs))
+
+
+@dataclass(frozen=True)
+class Build:
+    """A planned build: its cell sizes, from fine to coarse, and the files as they were opened."""
+
+    levels: tuple[Level, ...]
+    inputs: InputFiles = field(compare=False)
 
     @classmethod
     def plan(
@@ -84,87 +102,52 @@ class Build:
         region has none, or for a level that no DEM resolves.
 
         memory_gb: greatest memory of a process that computes areas (GB); areas are made smaller for it,
-        which the build's ``config`` says (`worker_memory.divided`).
+        which the recipes' ``config`` says (`worker_memory.divided`).
         """
         inputs = InputFiles()
         dems = DemSet.open(dem_paths, config.dem.product_order)
         inputs.add(dems.files)
-        region = region_of(dems, config)
+        region = config.area.region or Area.from_bounds(*dems.bounds)
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
         if config.area.region is not None:
             warn_of_region(dems, region, config.area.gsd_m)
-        cells = level_cells(config, dems, region)
-        cell = cells[0] if cells else _cell(config, dems, region)
-        law = law_file(config.model.reflectance)
-        choice = law_of_build(config, region.lat_deg)
-        inputs.add([law] if law else ())
-        albedo = _albedo_map(config.model)
-        if albedo:
-            inputs.add(albedo.files)
-            albedo.check_cover(albedo.cover_of(region, cell.gsd_m), region.bounds)
-        maps = ErrorMaps.open(config.dem.sigma_map, config.dem.resolution_map)
-        inputs.add(maps.files if maps else ())
-        errors = error_model(config, dems, region, maps)
-        build = cls(config, dems, region, cell, (), choice, errors, albedo, maps, inputs)
-        if len(cells) < 2:
-            own = config.at_level(cell.gsd_m) if cells else config
-            build = replace(build, config=own)._with_areas(memory_gb)
-        else:
-            levels = [
-                replace(build, config=config.at_level(c.gsd_m), cell=c)._with_areas(
-                    memory_gb, number
-                )
-                for number, c in enumerate(cells)
-            ]
-            jobs = tuple(job for level in levels for job in level.jobs)
-            build = replace(build, jobs=jobs, levels=tuple(levels))
+        chosen = cells(config, dems, region)
+        recipe = Recipe.of(config.at_cell(chosen[0].gsd_m), dems, region, inputs)
+        levels = tuple(
+            Level.plan(recipe.at_cell(cell.gsd_m), cell, memory_gb, k if len(chosen) > 1 else None)
+            for k, cell in enumerate(chosen)
+        )
+        build = cls(levels, inputs)
         _require_sunlight([job.task for job in build.jobs], config)
         return build
 
-    def _with_areas(self, memory_gb: float | None, level: int | None = None) -> Build:
-        """The build with its areas, as the ``level`` of several."""
-        gsd_m = self.gsd_m
-        self.config.points.check_cells(gsd_m)
-        PromiseChoice.of(self.region, self.config, gsd_m)  # raises ConfigError
-        config, grid, tasks = divided(self.region, gsd_m, self.config, memory_gb)
-        if not tasks:
-            raise AreaError(
-                "the region is smaller than a cell: give a larger `area.size_km` or other `area.bounds_deg`"
-            )
-        tasks = with_sources(tasks, grid, self.dems, sources(config, self.dems, gsd_m))
-        if not tasks:
-            raise AreaError(f"no DEM that resolves cells of {gsd_m:g} m reaches into the region")
-        given = (grid, self.region, gsd_m, config, self.dems, self.choice, self.errors)
-        maps = (self.albedo, self.maps, caches_mb(memory_gb))
-        jobs = tuple(AreaJob(replace(task, level=level), *given, *maps) for task in tasks)
-        return replace(self, config=config, jobs=jobs)
-
     @property
-    def gsd_m(self) -> float:
-        """Cell size of the patches, metres."""
-        return self.cell.gsd_m
+    def recipe(self) -> Recipe:
+        """The recipe of the finest cells."""
+        return self.levels[0].recipe
+
+    @cached_property
+    def jobs(self) -> tuple[AreaJob, ...]:
+        """The areas of all levels."""
+        return tuple(job for level in self.levels for job in level.jobs)
 
     @property
     def files(self) -> list[Path]:
         """Every file that the build reads, except its configuration."""
-        law = law_file(self.config.model.reflectance)
-        return [*self.jobs[0].files, *([law] if law else ())]
+        law = law_file(self.recipe.config.model.reflectance)
+        return [*self.recipe.files, *([law] if law else ())]
 
     def fingerprint(self) -> str:
         """Digest of all that determines the areas' content: version, configuration, bytes of all files.
         AreaFailedError if a file was changed since it was opened.
         """
         self.inputs.digest()
-        sources = self.dems.sources()
-        config = "".join(
-            replace(c, model=c.model.portable, dem=c.dem.portable).to_toml()
-            for c in (build.config for build in self.levels or (self,))
-        )
-        facts: list[Any] = [__version__, SCHEMA_VERSION, config, sources]
-        facts += [self.albedo.provenance()] if self.albedo else []
-        facts += [self.maps.provenance()] if self.maps else []
-        law = law_file(self.config.model.reflectance)
+        configs = (level.recipe.config for level in self.levels)
+        texts = [replace(c, model=c.model.portable, dem=c.dem.portable).to_toml() for c in configs]
+        facts: list[Any] = [__version__, SCHEMA_VERSION, "".join(texts), self.recipe.dems.sources()]
+        facts += [one.provenance() for one in (self.recipe.albedo, self.recipe.maps) if one]
+        law = law_file(self.recipe.config.model.reflectance)
         facts += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
@@ -181,48 +164,32 @@ class BuildReport:
     files: tuple[Path, ...]
 
 
-def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
-    """The albedo map of a configuration; None without one."""
-    if model.albedo is None:
-        return None
-    return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
+@dataclass(frozen=True)
+class BuildPart:
+    """Part ``number`` (from 1) of ``count``. ConfigError if there is no such part."""
+
+    number: int
+    count: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise ConfigError(f"part {self}: K of K/N must be between 1 and N")
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def share(self, jobs: Sequence[AreaJob]) -> Sequence[AreaJob]:
+        """The part's areas of all those of a build."""
+        return jobs[self.number - 1 :: self.count]
 
 
-def _cell(config: BuildConfig, dems: DemSet, region: Area) -> Cell:
-    """The configured cell, or the finest useful one."""
-    if config.area.gsd_m:
-        return Cell(config.area.gsd_m, "as configured")
-    cell = useful_cell(dems, region)
-    log.info("cells of %.5g m: %s; `area.gsd_m` overrules it", cell.gsd_m, cell.reason)
-    return cell
+@dataclass(frozen=True)
+class PartState:
+    """State of a part: the number of its areas, and the names of those that are not computed yet."""
 
-
-def error_model(
-    config: BuildConfig,
-    dems: DemSet,
-    region: Area,
-    maps: ErrorMaps | None,
-) -> ErrorModel:
-    """The error model of a build: its configuration, completed by the height errors of the DEMs and
-    the maps, as medians over the region (`dem.height_errors`). DemError for a map without a value in
-    the region.
-    """
-    places = region.lattice(_ERROR_PLACES)
-    if maps is not None:
-        maps.check_cover(*places, region.bounds)
-    if config.errors.height_sigma_m is None and config.dem.sigma_map is None:
-        warn_of_unknown(dems, *places)
-    sigma, length = height_errors(dems, *places, maps)
-    known = np.isfinite(sigma)
-    if not known.any():
-        raise AreaError(f"no DEM covers the region ({region.bounds})")
-    height_m = float(np.median(sigma[known])), float(np.median(length[known]))
-    return config.errors.model(*height_m)
-
-
-def region_of(dems: DemSet, config: BuildConfig) -> Area:
-    """The region of a configuration; by default the bounds of the DEM."""
-    return config.area.region or Area.from_bounds(*dems.bounds)
+    part: BuildPart
+    areas: int
+    missing: tuple[str, ...]
 
 
 def most_poleward(region: Area) -> float:
@@ -230,94 +197,140 @@ def most_poleward(region: Area) -> float:
     return max(region.bounds[1::2], key=abs)
 
 
-def build_catalog(
-    dem_paths: Sequence[Path | str],
-    config: BuildConfig,
-    output: Path | str,
-    *,
-    jobs: int = 1,
-    memory_gb: float | None = None,
-    scheduler: str | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
-    keep_going: bool = False,
-    progress: Progress = lambda done, total: None,
-) -> BuildReport:
-    """Build a catalogue of control points from DEM files and write it to ``output`` (HDF5).
-
-    jobs: processes that compute areas at the same time; the result does not depend on it. memory_gb: greatest
-    memory of each (GB); areas are made smaller for it, and the points near their borders change.
-    scheduler: address, or scheduler file, of a dask scheduler that computes the areas instead. resume: keep the finished
-    areas of an interrupted run with the same inputs. overwrite: replace an existing output; with
-    resume, also finished areas of a run with other inputs.
-    keep_going: leave out areas that fail (they are named in the report) instead of raising
-    AreaFailedError. progress: called with the number of finished areas and of all areas.
-
-    Raises the library's errors (`errors`): AreaError for a region without cells, ConfigError for a memory
-    that is too small for any area, SunError if the Sun
-    reaches none of the configured directions, OutputExistsError, and those of the files that are read.
-    """
-    build = Build.plan(dem_paths, config, memory_gb)
-    return run_build(
-        build,
-        Path(output),
-        jobs=jobs,
-        scheduler=scheduler,
-        resume=resume,
-        overwrite=overwrite,
-        keep_going=keep_going,
-        progress=progress,
-    )
-
-
-def run_build(
-    build: Build,
-    output: Path,
-    *,
-    jobs: int = 1,
-    scheduler: str | None = None,
-    resume: bool = False,
-    overwrite: bool = False,
-    keep_going: bool = False,
-    progress: Progress = lambda done, total: None,
-) -> BuildReport:
-    """Run a planned build and write the catalogue; options as in `build_catalog`.
+@dataclass(frozen=True)
+class BuildRun:
+    """A planned build that is carried out, whole or in parts; options as in `public.build_catalog`.
 
     Finished areas are kept beside the output until the catalogue has been written.
     """
-    check_output(output, overwrite, build.files)
-    checkpoints = Checkpoints.beside(output, build.fingerprint())
-    with checkpoints.locked():
-        checkpoints.begin(resume, overwrite)
-        failed = compute_areas(
-            build, build.jobs, checkpoints, jobs, scheduler, keep_going, progress
-        )
-        return finish(build, output, checkpoints, failed, overwrite)
 
+    build: Build
+    output: Path
+    jobs: int = 1
+    scheduler: str | None = None
+    resume: bool = False
+    overwrite: bool = False
+    keep_going: bool = False
+    progress: Progress = lambda done, total: None
 
-def finish(
-    build: Build,
-    output: Path,
-    checkpoints: Checkpoints,
-    failed: dict[str, str],
-    overwrite: bool,
-) -> BuildReport:
-    """Write the catalogue from the checkpoints of all areas but those that failed (causes by name), and
-    remove them.
-    """
-    names = [job.task.name for job in build.jobs if job.task.name not in failed]
-    if not names:
-        raise AreaFailedError(
-            f"all {len(build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
-        )
-    if build.levels:
-        points = _write_levels(build, output, checkpoints, names, overwrite)
-    else:
-        points = _write(build, output, checkpoints, names, overwrite)
-    checkpoints.remove()
-    if not points:
-        _warn_of_no_points(output)
-    return BuildReport(points, len(names), failed, tuple(build.files))
+    @cached_property
+    def checkpoints(self) -> Checkpoints:
+        """The finished areas beside the output."""
+        return Checkpoints.beside(self.output, self.build.fingerprint())
+
+    def whole(self) -> BuildReport:
+        """Compute all areas and write the catalogue. Raises as `public.build_catalog`."""
+        check_output(self.output, self.overwrite, self.build.files)
+        with self.checkpoints.locked():
+            self.checkpoints.begin(self.resume, self.overwrite)
+            return self.finish(self._compute(self.build.jobs))
+
+    def part(self, part: BuildPart) -> dict[str, str]:
+        """Compute the areas of a part that have no checkpoint yet. Return the causes of those that
+        failed, by name (with ``keep_going``).
+
+        Raises OutputExistsError while a whole build of the output runs, and if the checkpoints there are
+        of a build with other inputs; AreaFailedError for an area that fails.
+        """
+        check_output(self.output, self.overwrite, self.build.files)
+        with self.checkpoints.locked(shared=True):
+            self.checkpoints.join(part.count)
+            return self._compute(part.share(self.build.jobs))
+
+    def list_parts(self) -> list[PartState]:
+        """The states of all parts; of one part that is the whole if none has been started.
+        OutputExistsError if the checkpoints beside the output are of a build with other inputs.
+        """
+        self.checkpoints.require_same_run()
+        count = self.checkpoints.parts or 1
+        parts = [BuildPart(k + 1, count) for k in range(count)]
+        shares = [(part, part.share(self.build.jobs)) for part in parts]
+        return [
+            PartState(part, len(share), tuple(job.task.name for job in self._missing(share)))
+            for part, share in shares
+        ]
+
+    def merge(self) -> BuildReport:
+        """Write the catalogue from the areas that the parts have computed, and remove these.
+
+        AreaFailedError if areas are missing, unless ``keep_going`` leaves them out (they are named in the
+        report); OutputExistsError while parts are running.
+        """
+        check_output(self.output, self.overwrite, self.build.files)
+        folder = self.checkpoints.folder
+        if not folder.is_dir():
+            raise AreaFailedError(f"{folder}: no area is computed; run the parts first")
+        with self.checkpoints.locked():
+            self.checkpoints.begin(resume=True)
+            left = [job.task.name for job in self._missing(self.build.jobs)]
+            if left and not self.keep_going:
+                raise AreaFailedError(
+                    f"{folder}: {len(left)} of {len(self.build.jobs)} areas are missing, the first: "
+                    f"{left[0]}; run their parts again (`list_parts` names them)"
+                )
+            return self.finish({name: f"area {name} is not computed" for name in left})
+
+    def finish(self, failed: dict[str, str]) -> BuildReport:
+        """Write the catalogue from the checkpoints of all areas but those that failed (causes by name),
+        and remove them.
+        """
+        levels = [
+            (number, level.recipe, names)
+            for number, level in enumerate(self.build.levels)
+            if (names := [job.task.name for job in level.jobs if job.task.name not in failed])
+        ]
+        if not levels:
+            raise AreaFailedError(
+                f"all {len(self.build.jobs)} areas failed; the first: {next(iter(failed.values()))}"
+            )
+        check = self.build.inputs.require_unchanged
+        if len(self.build.levels) == 1:
+            ((_, recipe, names),) = levels
+            assembly = Assembly(recipe, self.checkpoints, names)
+            points = assembly.write(self.output, self.overwrite, check)
+        else:
+            files = []
+            for number, recipe, names in levels:
+                files.append(self.checkpoints.level_file(number))
+                Assembly(recipe, self.checkpoints, names).write(files[-1], True, check)
+            points = merge_catalogs(files, self.output, self.overwrite).points
+        self.checkpoints.remove()
+        if not points:
+            _warn_of_no_points(self.output)
+        areas = len(self.build.jobs) - len(failed)
+        return BuildReport(points, areas, failed, tuple(self.build.files))
+
+    def _compute(self, areas: Sequence[AreaJob]) -> dict[str, str]:
+        """Compute those of the areas that have no checkpoint. Return the causes of those that failed, by
+        name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
+        kept.
+        """
+        todo = self._missing(areas)
+        todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
+        todo = _in_turn(todo, self.jobs)
+        done, failed = len(areas) - len(todo), {}
+        self.progress(done, len(areas))
+        inputs = self.build.recipe.files
+        for index, outcome in run_tasks(_finished_area, todo, self.jobs, self.scheduler, inputs):
+            self.build.inputs.require_unchanged()
+            task = todo[index].task
+            if isinstance(outcome, Exception):
+                cause = f"area {task.name} at {task.lon_deg:.3f}, {task.lat_deg:.3f}: {outcome}"
+                if not self.keep_going:
+                    raise AreaFailedError(
+                        f"{cause} (finished areas are kept: run again with `resume`)"
+                    ) from outcome
+                log.warning("%s", cause)
+                failed[task.name] = cause
+            else:
+                self.checkpoints.write(task.name, outcome)
+            done += 1
+            self.progress(done, len(areas))
+        return failed
+
+    def _missing(self, areas: Sequence[AreaJob]) -> list[AreaJob]:
+        """The areas without an undamaged checkpoint."""
+        return [job for job in areas if not self.checkpoints.is_whole(job.task.name)]
 
 
 _HELP = {
@@ -344,73 +357,6 @@ def _warn_of_no_points(output: Path) -> None:
     )
 
 
-def _write(
-    build: Build, output: Path, checkpoints: Checkpoints, names: Sequence[str], overwrite: bool
-) -> int:
-    """Write the catalogue of the areas ``names``; the number of points."""
-    assembly = Assembly(
-        build.config,
-        build.dems,
-        build.region,
-        build.gsd_m,
-        build.choice.model,
-        build.errors,
-        build.albedo,
-        build.maps,
-    )
-    return assembly.write(checkpoints, names, output, overwrite, build.inputs.require_unchanged)
-
-
-def _write_levels(
-    build: Build, output: Path, checkpoints: Checkpoints, names: Sequence[str], overwrite: bool
-) -> int:
-    """Write a catalogue of each level beside the checkpoints, and join them; the number of points."""
-    finished, files = set(names), []
-    for number, level in enumerate(build.levels):
-        own = [job.task.name for job in level.jobs if job.task.name in finished]
-        if own:
-            files.append(checkpoints.level_file(number))
-            _write(level, files[-1], checkpoints, own, overwrite=True)
-    return merge_catalogs(files, output, overwrite).points
-
-
-def compute_areas(
-    build: Build,
-    areas: Sequence[AreaJob],
-    checkpoints: Checkpoints,
-    jobs: int,
-    scheduler: str | None,
-    keep_going: bool,
-    progress: Progress,
-) -> dict[str, str]:
-    """Compute those of a build's areas that have no checkpoint; options as in `build_catalog`. Return
-    the causes of those that failed, by name. AreaFailedError if an input file is changed meanwhile: no
-    area that may have read it is kept.
-    """
-    todo = missing(areas, checkpoints)
-    todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
-    todo = _in_turn(todo, jobs)
-    done, failed = len(areas) - len(todo), {}
-    progress(done, len(areas))
-    inputs = areas[0].files if areas else ()
-    for index, outcome in run_tasks(_finished_area, todo, jobs, scheduler, inputs):
-        build.inputs.require_unchanged()
-        name = todo[index].task.name
-        if isinstance(outcome, Exception):
-            cause = f"area {name} at {todo[index].task.lon_deg:.3f}, {todo[index].task.lat_deg:.3f}: {outcome}"
-            if not keep_going:
-                raise AreaFailedError(
-                    f"{cause} (finished areas are kept: run again with `resume`)"
-                ) from outcome
-            log.warning("%s", cause)
-            failed[name] = cause
-        else:
-            checkpoints.write(name, outcome)
-        done += 1
-        progress(done, len(areas))
-    return failed
-
-
 def _in_turn(areas: list[AreaJob], parts: int) -> list[AreaJob]:
     """The areas in turn from as many parts of the list: a worker that gets every ``parts``-th one stays
     in its part, whose areas are neighbours and read the same blocks of the DEM.
@@ -420,14 +366,9 @@ def _in_turn(areas: list[AreaJob], parts: int) -> list[AreaJob]:
     return [areas[k] for k in places]
 
 
-def missing(areas: Sequence[AreaJob], checkpoints: Checkpoints) -> list[AreaJob]:
-    """The areas without an undamaged checkpoint."""
-    return [job for job in areas if not checkpoints.is_whole(job.task.name)]
-
-
 def _finished_area(job: AreaJob) -> FinishedArea:
     """What is kept of an area; computed where the area is, so that nothing else is sent."""
-    return finished_area(run_area(job), job.config, job.gsd_m)
+    return finished_area(run_area(job), job.recipe.config)
 
 
 def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:

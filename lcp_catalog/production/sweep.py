@@ -131,11 +131,6 @@ class RenderedImage:
     radiance: NDArray[np.float32]
 
     @property
-    def condition(self) -> tuple[int, int, int]:
-        """Indices of view, elevation and azimuth."""
-        return self.view, self.elevation, self.azimuth
-
-    @property
     def sun(self) -> tuple[int, int]:
         """Indices of the Sun's elevation and azimuth."""
         return self.elevation, self.azimuth
@@ -168,7 +163,7 @@ def plan_area(
     """
     lowest_deg = conditions.sun_elevation_deg[conditions.reachable.any(axis=1)]
     sun = direction_enu(0.0, min(lowest_deg, default=conditions.sun_elevation_deg[0]))
-    off_nadir_deg = lowest_off_nadir_deg(config, terrain.field.gsd_m)
+    off_nadir_deg = lowest_off_nadir_deg(config)
     view = View(direction=direction_enu(0.0, 90.0 - off_nadir_deg))
     plan = plan_scene(
         terrain,
@@ -182,7 +177,7 @@ def plan_area(
         lowest=True,
     )
     own = decisions.of_a_build(config.model.direction_tolerance_deg)
-    angle_rad = max(view_angles_rad(config, terrain.field.gsd_m))
+    angle_rad = max(view_angles_rad(config))
     return replace(
         plan,
         perspective=decisions.perspective_of_patches(angle_rad, _tolerance_rad(config)),
@@ -197,11 +192,11 @@ def view_range_m(off_nadir_deg: float, altitude_km: float) -> float:
     return slant_range_m(off_nadir_deg, 1e3 * altitude_km)
 
 
-def view_angles_rad(config: BuildConfig, gsd_m: float) -> list[float]:
+def view_angles_rad(config: BuildConfig) -> list[float]:
     """For each view the greatest angle between the directions to its camera from a point and from a
     node of its patch or search region, heights not considered; 0 for parallel rays.
     """
-    points = config.points
+    points, gsd_m = config.points, config.gsd_m
     reach_m = (points.half + points.search_nodes(gsd_m)) * gsd_m * math.sqrt(2.0)
     views = zip(config.view.off_nadir_deg, config.view.altitude_km, strict=True)
     return [math.asin(min(1.0, reach_m / view_range_m(off, km))) for off, km in views]
@@ -211,9 +206,9 @@ _LOWEST_VIEW_DEG = 89.0
 """Greatest angle from the vertical of rays to near cameras for which terrain around an area is read."""
 
 
-def lowest_off_nadir_deg(config: BuildConfig, gsd_m: float) -> float:
+def lowest_off_nadir_deg(config: BuildConfig) -> float:
     """Greatest angle from the vertical, degrees, of a direction from a node to the camera of a view."""
-    pairs = zip(config.view.off_nadir_deg, view_angles_rad(config, gsd_m), strict=True)
+    pairs = zip(config.view.off_nadir_deg, view_angles_rad(config), strict=True)
     tolerance = _tolerance_rad(config)
     return max(
         off if angle <= tolerance else max(off, min(off + math.degrees(angle), _LOWEST_VIEW_DEG))
@@ -298,8 +293,8 @@ class Sweep:
 
     def over(self, row: int, col: int, margin: int) -> tuple[Sweep, int, int]:
         """`around` one node of the core, with the cameras of near views over that node."""
-        at = np.array([row]), np.array([col])
-        sweep, row0, col0 = self.around(*at, margin, self.turn_rad)
+        rows, cols = np.array([row]), np.array([col])
+        sweep, row0, col0 = self.around(rows, cols, margin, self.turn_rad)
         top, left = self.window[0] + row, self.window[2] + col
         point = nodes_enu(self.field, (top, top + 1, left, left + 1))[0, 0]
         own = replace(sweep, point_m=point)
@@ -429,17 +424,17 @@ class Sweep:
 
     def unshadowed(self, condition: tuple[int, int, int]) -> NDArray[np.float32]:
         """The image of a condition without cast shadows."""
-        none = np.zeros(self.planes.shape[1:], np.uint8)
-        radiance = self.shading(condition)(self.planes, none, self.unseen(condition[0]))
+        return self._image(condition, np.zeros(self.planes.shape[1:], np.uint8))
+
+    def _image(self, condition: tuple[int, int, int], dark: NDArray[np.uint8]) -> Float32:
+        radiance = self.shading(condition)(self.planes, dark, self.unseen(condition[0]))
         return radiance if self.factors is None else radiance * self.factors
 
     def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given)."""
         for condition, dark in self._lit(views):
-            radiance = self.shading(condition)(self.planes, dark, self.unseen(condition[0]))
-            if self.factors is not None:
-                radiance = radiance * self.factors
-            yield RenderedImage(*condition, radiance)
+            view, elevation, azimuth = condition
+            yield RenderedImage(view, elevation, azimuth, self._image(condition, dark))
 
     def stacks(self, most: int, views: tuple[int, ...] | None = None) -> Iterator[RenderedImages]:
         """The `images`, at most ``most`` at a time, with their derivatives (forward differences)."""

@@ -68,13 +68,14 @@ def caches_mb(memory_gb: float | None) -> float:
     return min(most, max(CACHES_MIN_MB, CACHES_SHARE * (memory_gb * 1e3 - START_MB)))
 
 
-def area_mb(window: NodeWindow, lat_deg: float, gsd_m: float, config: BuildConfig) -> float:
+def area_mb(window: NodeWindow, lat_deg: float, config: BuildConfig) -> float:
     """Greatest memory of a process that computes an area of such a window, MB, without what it keeps of the
     DEM's files.
     """
+    gsd_m = config.gsd_m
     core = window.grown(config.points.halo_nodes(gsd_m))
     lowest = math.tan(math.radians(min(config.sun.elevations_deg)))
-    view = math.radians(90.0 - lowest_off_nadir_deg(config, gsd_m))
+    view = math.radians(90.0 - lowest_off_nadir_deg(config))
     around = math.inf if view >= math.pi / 2 else math.tan(view)
     limit_m = config.model.ring_max_km * 1e3
     nodes, terrain = math.prod(core.shape), most_nodes(core, gsd_m, lowest, around, limit_m)
@@ -85,7 +86,7 @@ def area_mb(window: NodeWindow, lat_deg: float, gsd_m: float, config: BuildConfi
     found = (config.points.candidates_per_cell + GROUP_EXTRA) * cells
     scales = len(image_scales(config.points.patch_nodes))
     results = found * int(np.prod(conditions.shape)) * (16 * scales + 21)
-    turned = _TURNED if _turns(window, lat_deg, gsd_m, config) else 1.0
+    turned = _TURNED if _turns(window, lat_deg, config) else 1.0
     size = (
         turned * nodes * (_CORE_BYTES + _SUN_BYTES * int(conditions.reachable.sum()))
         + _TERRAIN_BYTES * terrain
@@ -96,31 +97,29 @@ def area_mb(window: NodeWindow, lat_deg: float, gsd_m: float, config: BuildConfi
     return START_MB + MARGIN_MB + size / 1e6
 
 
-def _turns(window: NodeWindow, lat_deg: float, gsd_m: float, config: BuildConfig) -> bool:
+def _turns(window: NodeWindow, lat_deg: float, config: BuildConfig) -> bool:
     """True if the north of a place of the window can differ from that of its centre by more than the
     direction tolerance.
     """
-    away_m = max(-window.col0, window.col1, -window.row0, window.row1) * gsd_m
+    away_m = max(-window.col0, window.col1, -window.row0, window.row1) * config.gsd_m
     highest = min(abs(math.radians(lat_deg)) + away_m / MOON_RADIUS_M, math.radians(89.9))
     turn_rad = away_m * math.tan(highest) / MOON_RADIUS_M
     return turn_rad > math.radians(config.model.direction_tolerance_deg)
 
 
-def worker_mb(
-    tasks: list[AreaTask], gsd_m: float, config: BuildConfig, memory_gb: float | None = None
-) -> float:
+def worker_mb(tasks: list[AreaTask], config: BuildConfig, memory_gb: float) -> float:
     """Greatest memory, MB, of a process that computes areas, with what it keeps of the DEM's files."""
     largest: dict[int, AreaTask] = {}
     for task in tasks:
         other = largest.setdefault(task.row, task)
         if math.prod(task.window.shape) > math.prod(other.window.shape):
             largest[task.row] = task
-    areas = (area_mb(task.window, task.lat_deg, gsd_m, config) for task in largest.values())
+    areas = (area_mb(task.window, task.lat_deg, config) for task in largest.values())
     return caches_mb(memory_gb) + max(areas, default=START_MB)
 
 
 def divided(
-    region: Area, gsd_m: float, config: BuildConfig, memory_gb: float | None
+    region: Area, config: BuildConfig, memory_gb: float | None
 ) -> tuple[BuildConfig, AreaGrid, list[AreaTask]]:
     """The areas of a region, small enough that a process that computes them keeps within ``memory_gb`` (GB;
     None: no limit), with their grid and the configuration with the ``area_nodes_max`` that gives
@@ -128,28 +127,27 @@ def divided(
 
     ConfigError, with the memory that the smallest areas need, if that is more.
     """
+    gsd_m = config.gsd_m
     while True:
         grid = AreaGrid.for_cell(gsd_m, config.model)
         tasks = plan_areas(grid, region, gsd_m)
         if memory_gb is None or not tasks:
             return config, grid, tasks
-        if worker_mb(tasks, gsd_m, config, memory_gb) <= memory_gb * 1e3:
+        if worker_mb(tasks, config, memory_gb) <= memory_gb * 1e3:
             return config, grid, tasks
         lat_deg = max((task.lat_deg for task in tasks), key=abs)
         side = math.ceil(math.radians(grid.height_deg) * MOON_RADIUS_M / gsd_m)
-        nodes = _most_nodes(side - 1, lat_deg, gsd_m, config, memory_gb)
+        nodes = _most_nodes(side - 1, lat_deg, config, memory_gb)
         model = replace(config.model, area_nodes_max=nodes)
         config = replace(config, model=model)
         log.info("areas of at most %d nodes for %g GB a worker", nodes, memory_gb)
 
 
-def _most_nodes(
-    below: int, lat_deg: float, gsd_m: float, config: BuildConfig, memory_gb: float
-) -> int:
+def _most_nodes(below: int, lat_deg: float, config: BuildConfig, memory_gb: float) -> int:
     """Greatest number of nodes along an area's side, at most ``below``, that keeps the promise."""
     room_mb = memory_gb * 1e3 - caches_mb(memory_gb)
     low, high = AREA_NODES_MIN, below
-    least_mb = area_mb(_square(low), lat_deg, gsd_m, config)
+    least_mb = area_mb(_square(low), lat_deg, config)
     if high < low or least_mb > room_mb:
         need_gb = math.ceil((least_mb + _caches_beside(least_mb)) / 10.0) / 100.0
         raise ConfigError(
@@ -158,7 +156,7 @@ def _most_nodes(
         )
     while low < high:
         middle = (low + high + 1) // 2
-        if area_mb(_square(middle), lat_deg, gsd_m, config) <= room_mb:
+        if area_mb(_square(middle), lat_deg, config) <= room_mb:
             low = middle
         else:
             high = middle - 1

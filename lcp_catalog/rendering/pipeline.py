@@ -30,7 +30,7 @@ from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
 from ..terrain.region_warnings import warn_of_region
 from ..terrain.surroundings import SunRays, build_surrounded, surroundings
-from ..terrain.terrain import Terrain, native_gsd_m, require_room, terrain_from_area
+from ..terrain.terrain import Ground, Terrain, native_gsd_m, require_room, terrain_from_area
 from . import decisions
 from .compositing import Backdrop, composite
 from .decisions import Decision
@@ -252,12 +252,12 @@ def _ground(
         extent = grown(extent, height_reach_m(coarse, view))
         coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
     view_m = view_ring_m(coarse, view)
-    place = (dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m)
+    ground = Ground(dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m)
     lowest = light.lowest_tangent
     if light.sky is not None:
         lowest = min(lowest, math.tan(SKY_FLOOR_RAD))
-    around = surroundings(*place, SunRays.all_around(lowest), min(view_m, RING_MAX_M))
-    terrain = build_surrounded(*place, around)
+    around = surroundings(ground, SunRays.all_around(lowest), min(view_m, RING_MAX_M))
+    terrain = build_surrounded(ground, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
         terrain_from_area(dems, area, gsd_m)  # raises the error
     return terrain, view, ring_decision(terrain, around.ring_m, max(around.needed_m, view_m))

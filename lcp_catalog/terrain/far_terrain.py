@@ -105,7 +105,7 @@ class FarTerrain:
         if accuracy.far_doubt is None:
             for level, which in reaching:
                 rows, cols = np.nonzero(~occluded & blocks.spread(which))
-                points = _nodes(field, rows + window[0], cols + window[2])
+                points = field.nodes_m(rows + window[0], cols + window[2])
                 occluded[rows, cols] = level.occluded_points(points, direction)
         elif reaching:
             self._shadowed_by_places(blocks, reaching, direction, accuracy.far_doubt, occluded)
@@ -148,7 +148,7 @@ class FarTerrain:
             some = blocks.at_places(which)
             i, j = np.nonzero(some)
             du, dv, dz = level.ray_in_cells(direction)
-            u, v = (x[j] - level.x0_m) / level.gsd_m, (level.y0_m - y[i]) / level.gsd_m
+            u, v = level.uv(x[j], y[i])
             z, _, pyramid, summit = level.traced
             raised = heights[some][np.newaxis]
             horizon.shadow_heights(z, pyramid, summit, u, v, du, dv, np.array([dz]), raised)
@@ -156,7 +156,7 @@ class FarTerrain:
         marks = occluded.view(np.uint8)
         far_terrain.shade(field.z_m, blocks.window, PLACES, heights, doubt, marks)
         open_rows, open_cols = np.nonzero(marks == far_terrain.OPEN)
-        points = _nodes(field, open_rows + row0, open_cols + col0)
+        points = field.nodes_m(open_rows + row0, open_cols + col0)
         marks[open_rows, open_cols] = self.occluded(points, direction)
 
     def horizons(self, points_m: Array, planes: Array, gsd_m: float) -> Array:
@@ -167,8 +167,7 @@ class FarTerrain:
         for level in self.levels:
             scaled = planes * [1.0, 1.0, level.gsd_m / gsd_m, level.gsd_m / gsd_m]
             found = np.empty_like(out)
-            u = (points_m[:, 0] - level.x0_m) / level.gsd_m
-            v = (level.y0_m - points_m[:, 1]) / level.gsd_m
+            u, v = level.uv(points_m[:, 0], points_m[:, 1])
             horizon.point_horizons(
                 *level.traced, u, v, np.ascontiguousarray(points_m[:, 2]), scaled, found
             )
@@ -314,9 +313,3 @@ class _Blocks:
             spans.append((before, np.minimum(first + 2 * PLACES - 1, count - 1) // self.side))
         ways = [which[np.ix_(i, j)] for i in spans[0] for j in spans[1]]
         return np.asarray(np.logical_or.reduce(ways))
-
-
-def _nodes(field: Heightfield, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Array:
-    """ENU positions (n, 3) of a field's nodes."""
-    x, y = field.x0_m + cols * field.gsd_m, field.y0_m - rows * field.gsd_m
-    return np.stack([x, y, field.z_m[rows, cols].astype(np.float64)], axis=-1)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, Mask
+from ..arrays import AnyArray, Array, Mask
 from ..kernels.rays import (
     bundles,
     camera_tiles,
@@ -105,7 +105,7 @@ class Heightfield:
     @cached_property
     def transposed_m(self) -> NDArray[np.float32]:
         """Heights with rows and columns exchanged, for passes along the rows."""
-        return scan_lines.transposed(self.z_m)
+        return np.asarray(scan_lines.transposed(self.z_m))
 
     @cached_property
     def borderless_m(self) -> NDArray[np.float32]:
@@ -146,8 +146,8 @@ class Heightfield:
         """The heightfield of a window's nodes alone; ValueError for a window outside the raster."""
         row0, row1, col0, col1 = self.checked_window(window)
         z = np.ascontiguousarray(self.z_m[row0:row1, col0:col1])
-        corner = self.x0_m + col0 * self.gsd_m, self.y0_m - row0 * self.gsd_m
-        return Heightfield(z, self.gsd_m, *corner)
+        west_m, north_m = self.x0_m + col0 * self.gsd_m, self.y0_m - row0 * self.gsd_m
+        return Heightfield(z, self.gsd_m, west_m, north_m)
 
     def ray_in_cells(self, direction: ArrayLike) -> tuple[float, float, float]:
         """A direction (3,) in cell units with max(|du|, |dv|) = 1; (0, 0, dz) if vertical.
@@ -187,8 +187,8 @@ class Heightfield:
         row0, row1, col0, col1 = bounds = self.checked_window(window)
         out = np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
         if self.is_surface and out.size:
-            camera = self._node_units(position_m)
-            bundles.occluded_nodes_from(*self.traced, *camera, bounds, out)
+            u, v, z = self._node_units(position_m)
+            bundles.occluded_nodes_from(*self.traced, u, v, z, bounds, out)
         return out
 
     def occluded_nodes_towards(self, directions: ArrayLike, window: Window | None = None) -> Mask:
@@ -218,12 +218,11 @@ class Heightfield:
         """
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         out = np.zeros(len(points), dtype=np.bool_)
-        ray = self.ray_in_cells(direction)
+        du, dv, dz = self.ray_in_cells(direction)
         if self.is_surface and len(points):
-            u, v = self._uv(points[:, 0], points[:, 1])
-            bundles.occluded_points(
-                *self.traced, u, v, np.ascontiguousarray(points[:, 2]), *ray, out
-            )
+            u, v = self.uv(points[:, 0], points[:, 1])
+            z = np.ascontiguousarray(points[:, 2])
+            bundles.occluded_points(*self.traced, u, v, z, du, dv, dz, out)
         return out
 
     def meetings(self, points_m: ArrayLike, directions: ArrayLike) -> Array:
@@ -236,13 +235,19 @@ class Heightfield:
         points = np.asarray(points_m, dtype=np.float64).reshape(-1, 3)
         ahead = np.ascontiguousarray(directions, dtype=np.float64)
         reach = np.full(len(points), np.nan)
-        u, v = self._uv(points[:, 0], points[:, 1])
+        u, v = self.uv(points[:, 0], points[:, 1])
         if self.is_surface and len(points):
             from_surface.meetings(*self.traced, self.gsd_m, u, v, ahead, reach)
         x, y = (points[:, k] + reach * ahead[:, k] for k in (0, 1))
         return np.stack([x, y, self.heights_at(x, y)], axis=-1)
 
-    def _uv(self, x_m: Array, y_m: Array) -> tuple[Array, Array]:
+    def nodes_m(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> Array:
+        """ENU positions (n, 3) of nodes."""
+        x, y = self.x0_m + cols * self.gsd_m, self.y0_m - rows * self.gsd_m
+        return np.stack([x, y, self.z_m[rows, cols].astype(np.float64)], axis=-1)
+
+    def uv(self, x_m: AnyArray, y_m: AnyArray) -> tuple[Array, Array]:
+        """Columns and rows, fractional, of ENU x and y."""
         return (x_m - self.x0_m) / self.gsd_m, (self.y0_m - y_m) / self.gsd_m
 
     def first_hits(self, origin_m: ArrayLike, directions: ArrayLike) -> Array:
@@ -257,9 +262,9 @@ class Heightfield:
         shape = np.shape(directions)[:-1]
         out = np.full((math.prod(shape[:-1]), shape[-1]) if shape else (1, 1), np.nan)
         if self.is_surface and out.size:
-            origin = self._node_units(origin_m)
+            u, v, z = self._node_units(origin_m)
             ahead = ahead.reshape(*out.shape, 3)
-            camera_tiles.first_hits(*self.traced, *origin, self.gsd_m, ahead, out)
+            camera_tiles.first_hits(*self.traced, u, v, z, self.gsd_m, ahead, out)
         return out.reshape(shape)
 
     def first_hits_of_lines(self, origins_m: ArrayLike, directions: ArrayLike) -> Array:
@@ -270,7 +275,7 @@ class Heightfield:
         x, y, z = np.asarray(origins_m, dtype=np.float64).T
         out = np.full(ahead.shape[:2], np.nan)
         if self.is_surface and out.size:
-            origins = np.stack([*self._uv(x, y), z], axis=-1)
+            origins = np.stack([*self.uv(x, y), z], axis=-1)
             own_directions.first_hits(*self.traced, origins, self.gsd_m, ahead, out)
         return out
 
@@ -334,7 +339,8 @@ class Heightfield:
         x, y = np.broadcast_arrays(
             np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
         )
-        return surface.heights_at(self.z_m, *self._uv(x.ravel(), y.ravel())).reshape(x.shape)
+        u, v = self.uv(x.ravel(), y.ravel())
+        return np.asarray(surface.heights_at(self.z_m, u, v)).reshape(x.shape)
 
     def normals_at(self, x_m: ArrayLike, y_m: ArrayLike) -> Array:
         """Unit normals (..., 3) at ENU x, y: those of the triangle's three nodes, interpolated and
@@ -343,5 +349,5 @@ class Heightfield:
         x, y = np.broadcast_arrays(
             np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
         )
-        found = surface.normals_at(self.z_m, self.gsd_m, *self._uv(x.ravel(), y.ravel()))
-        return found.reshape(*x.shape, 3)
+        u, v = self.uv(x.ravel(), y.ravel())
+        return np.asarray(surface.normals_at(self.z_m, self.gsd_m, u, v)).reshape(*x.shape, 3)

@@ -36,9 +36,7 @@ class Nodes:
     @property
     def points_m(self) -> Array:
         """ENU positions (n, 3)."""
-        x = self.field.x0_m + self.cols * self.field.gsd_m
-        y = self.field.y0_m - self.rows * self.field.gsd_m
-        return np.stack([x, y, self.field.z_m[self.rows, self.cols].astype(np.float64)], axis=-1)
+        return self.field.nodes_m(self.rows, self.cols)
 
     def horizons(self, planes: Array) -> Array:
         """Steepest slope in each plane (k, 4), clipped to low..high, float64 (n, k); low at nodata
@@ -73,8 +71,7 @@ class HorizonPoints:
         """As `Nodes.horizons`; low for NaN and off the raster, high under the surface."""
         out = np.empty((len(self), len(planes)))
         x, y, z = self.points_m.T
-        u = (x - self.field.x0_m) / self.field.gsd_m
-        v = (self.field.y0_m - y) / self.field.gsd_m
+        u, v = self.field.uv(x, y)
         horizon.point_horizons(*self.field.traced, u, v, np.ascontiguousarray(z), planes, out)
         return _with_far(self, planes, out)
 

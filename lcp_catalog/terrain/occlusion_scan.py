@@ -98,8 +98,10 @@ class SunAhead:
         reach = 8 + self._rows_of_relief(self.rise, self.field.extremes_m[0])
         gradients, holed = self.field.tile_gradients_m
         cliffs = np.where(holed, math.inf, gradients)  # beside nodata the slope is unknown
-        turned = self.transposed, self.flipped, self.z.shape, self.shear
-        found = steep_tiles.awake(cliffs, *turned, slope, reach, self.top, self.window, width)
+        found = steep_tiles.awake(
+            cliffs, self.transposed, self.flipped, self.z.shape, self.shear, slope, reach, self.top,
+            self.window, width,
+        )  # fmt: skip
         return np.asarray(found)
 
     def _reach(self, window: Window) -> int:

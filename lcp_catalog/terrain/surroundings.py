@@ -22,13 +22,11 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
-from ..dem.mosaic import DemSet
-from ..geometry.frames import EnuFrame
 from .area import NodeWindow
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield
 from .relief_bounds import COARSE_NODES, COARSE_SLOPE, ring_needed_m
-from .terrain import Terrain, build_terrain
+from .terrain import Ground, Terrain, build_terrain
 
 NEAR_NODES = 128
 """Greatest width, in nodes, of the ring of the area's cell size; coarser levels follow it."""
@@ -102,45 +100,41 @@ class Surroundings:
 
 
 def surroundings(
-    dems: DemSet,
-    frame: EnuFrame,
-    window: NodeWindow,
-    gsd_m: float,
+    ground: Ground,
     rays: SunRays,
     least_ring_m: float = 0.0,
     limit_m: float = REACH_MAX_M,
 ) -> Surroundings:
-    """Terrain that can shadow a window of the frame's nodes under rays.
+    """Terrain that can shadow the ground under rays.
 
     The ring of the area's cell size is at least ``least_ring_m`` wide. No terrain further than
-    ``limit_m`` from the window is used.
+    ``limit_m`` from the ground is used.
     """
+    gsd_m = ground.gsd_m
     near_m = max(NEAR_NODES * gsd_m, least_ring_m)
-    own = Extent.of(window, gsd_m)
+    own = Extent.of(ground.window, gsd_m)
     sights_m = [min(limit_m, _sight_m(tangent, own.turn_rad)) for tangent in rays.tangents]
     reach_m = max(sights_m, default=0.0)
-    coarse = _coarse(dems, frame, window, gsd_m, min(near_m, reach_m))
+    coarse = _coarse(ground, min(near_m, reach_m))
     needed_m = np.array([_needed_m(coarse, tangent) for tangent in rays.tangents])
     sides_m = rays.sides_m(np.minimum(needed_m, min(near_m, limit_m)), gsd_m)
     sides_m = np.maximum(sides_m, least_ring_m)
     if reach_m > near_m:
-        floor_m = _floor_m(coarse)
-        found = _levels(dems, frame, own, gsd_m, near_m, floor_m, rays, np.array(sights_m))
+        found = _levels(ground, near_m, _floor_m(coarse), rays, np.array(sights_m))
         if found is not None:
-            return Surroundings(sides_m, *found)
+            far, farthest_m = found
+            return Surroundings(sides_m, far, farthest_m)
     return Surroundings(sides_m, None, float(needed_m.max(initial=0.0)))
 
 
-def ring_for_rays_m(
-    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, tangent: float, limit_m: float
-) -> float:
-    """Greatest distance from a window, metres, at which terrain can rise above rays that climb from
+def ring_for_rays_m(ground: Ground, tangent: float, limit_m: float) -> float:
+    """Greatest distance from a ground, metres, at which terrain can rise above rays that climb from
     it with a tangent; at most ``limit_m``.
     """
     if not math.isfinite(tangent):
         return 0.0
-    reach_m = min(limit_m, _sight_m(tangent, Extent.of(window, gsd_m).turn_rad))
-    return min(_needed_m(_coarse(dems, frame, window, gsd_m, reach_m), tangent), limit_m)
+    reach_m = min(limit_m, _sight_m(tangent, Extent.of(ground.window, ground.gsd_m).turn_rad))
+    return min(_needed_m(_coarse(ground, reach_m), tangent), limit_m)
 
 
 def most_nodes(
@@ -163,13 +157,11 @@ def most_nodes(
     return count
 
 
-def build_surrounded(
-    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, found: Surroundings
-) -> Terrain:
-    """The terrain of a window with its ring, at least one node wide (for the normals at the
+def build_surrounded(ground: Ground, found: Surroundings) -> Terrain:
+    """The terrain of a ground with its ring, at least one node wide (for the normals at the
     window's border), and the far terrain.
     """
-    terrain = build_terrain(dems, frame, window, gsd_m, np.maximum(found.sides_m, gsd_m))
+    terrain = ground.terrain(np.maximum(found.sides_m, ground.gsd_m))
     return replace(terrain, far=found.far)
 
 
@@ -187,16 +179,15 @@ def _sight_m(tangent: float, turn_rad: float) -> float:
     return math.sqrt(b * b - (a * math.cos(elevation)) ** 2) - a * math.sin(elevation)
 
 
-def _coarse(
-    dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float
-) -> Terrain:
-    """The window and a ring around it on coarse nodes."""
+def _coarse(ground: Ground, ring_m: float) -> Terrain:
+    """The ground and a ring around it on coarse nodes."""
+    window = ground.window
     spans = (window.row0, window.row1 - 1, window.col0, window.col1 - 1)
     row0, row1, col0, col1 = (span / COARSE_NODES for span in spans)
     inside = NodeWindow(
         math.floor(row0), math.ceil(row1) + 1, math.floor(col0), math.ceil(col1) + 1
     )
-    return build_terrain(dems, frame, inside, COARSE_NODES * gsd_m, ring_m)
+    return replace(ground, window=inside, gsd_m=COARSE_NODES * ground.gsd_m).terrain(ring_m)
 
 
 def _needed_m(terrain: Terrain, tangent: float) -> float:
@@ -215,26 +206,20 @@ def _floor_m(coarse: Terrain) -> float:
 
 
 def _levels(
-    dems: DemSet,
-    frame: EnuFrame,
-    own: Extent,
-    gsd_m: float,
-    near_m: float,
-    floor_m: float,
-    rays: SunRays,
-    sights_m: Array,
+    ground: Ground, near_m: float, floor_m: float, rays: SunRays, sights_m: Array
 ) -> tuple[FarTerrain, float] | None:
     """The levels up to the last one that can shadow the area, and the distance up to which it can;
     None if no level can. ``sights_m``: greatest distances at which terrain can rise above the rays.
     """
-    hole, cell_m, outer_m = own.grown(np.full(4, near_m)), 2.0 * gsd_m, 2.0 * near_m
+    own = Extent.of(ground.window, ground.gsd_m)
+    hole, cell_m, outer_m = own.grown(np.full(4, near_m)), 2.0 * ground.gsd_m, 2.0 * near_m
     reach_m = float(sights_m.max())
     levels: list[Heightfield] = []
     gaps: list[Gaps] = []
     farthest_m, last = 0.0, 0
     while math.isfinite(floor_m):
         sides_m = rays.sides_m(np.minimum(sights_m, outer_m), cell_m)
-        level, gap = _level(dems, frame, own.grown(sides_m), cell_m, hole, own)
+        level, gap = _level(ground, own.grown(sides_m), cell_m, hole)
         levels.append(level)
         gaps.append(gap)
         needed_m = _farthest_m(level, own, floor_m, rays.lowest)
@@ -307,11 +292,9 @@ class Gaps(NamedTuple):
     gap_m: float
 
 
-def _level(
-    dems: DemSet, frame: EnuFrame, box: Extent, cell_m: float, hole: Extent, own: Extent
-) -> tuple[Heightfield, Gaps]:
+def _level(ground: Ground, box: Extent, cell_m: float, hole: Extent) -> tuple[Heightfield, Gaps]:
     """A level over a box, without the nodes that lie more than a cell inside the hole."""
-    far_dems = dems.for_cells(cell_m)
+    far_dems = ground.dems.for_cells(cell_m)
     window = NodeWindow.covering((box.x0, box.x1, box.y0, box.y1), cell_m)
     x = np.arange(window.col0, window.col1) * cell_m
     y = -np.arange(window.row0, window.row1) * cell_m
@@ -329,11 +312,13 @@ def _level(
             part = NodeWindow(
                 window.row0 + r0, window.row0 + r1, window.col0 + c0, window.col0 + c1
             )
-            z[r0:r1, c0:c1] = build_terrain(far_dems, frame, part, cell_m).field.z_m
+            z[r0:r1, c0:c1] = build_terrain(far_dems, ground.frame, part, cell_m).field.z_m
     level = Heightfield(z, cell_m, float(x[0]), float(y[0]))
     gaps = ~np.isfinite(z)
     gaps[top:bottom, left:right] = False
-    away = np.where(gaps, np.maximum(*_off(level, own)), math.inf)
+    away = np.where(
+        gaps, np.maximum(*_off(level, Extent.of(ground.window, ground.gsd_m))), math.inf
+    )
     return level, Gaps(float(gaps.mean()), max(0.0, float(away.min()) - cell_m))
 
 

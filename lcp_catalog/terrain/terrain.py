@@ -67,6 +67,20 @@ class Patch:
     """Index of the DEM that gave the centre's height."""
 
 
+@dataclass(frozen=True)
+class Ground:
+    """Where a terrain is made: nodes of a window of a frame, and the DEMs that give their heights."""
+
+    dems: DemSet
+    frame: EnuFrame
+    window: NodeWindow
+    gsd_m: float
+
+    def terrain(self, ring_m: float | Array = 0.0) -> Terrain:
+        """`build_terrain` of the window."""
+        return build_terrain(self.dems, self.frame, self.window, self.gsd_m, ring_m)
+
+
 def build_terrain(
     dems: DemSet, frame: EnuFrame, window: NodeWindow, gsd_m: float, ring_m: float | Array = 0.0
 ) -> Terrain:
@@ -125,23 +139,16 @@ def terrain_from_area(
     return terrain
 
 
-def sample_patch(dems: DemSet, lon_deg: float, lat_deg: float, size: int, gsd_m: float) -> Patch:
-    """``size`` x ``size`` nodes around a surface point in its own frame, z relative to that point;
-    ``size`` is odd.
-
-    ``AreaError`` if the point has no height.
-    """
-    return sample_patches(dems, np.array([lon_deg]), np.array([lat_deg]), size, gsd_m)[0]
-
-
 def sample_patches(
     dems: DemSet, lon_deg: Array, lat_deg: Array, size: int, gsd_m: float
 ) -> list[Patch]:
-    """`sample_patch` of several surface points (n,)."""
+    """``size`` x ``size`` nodes around each surface point (n,) in its own frame, z relative to that
+    point; ``size`` is odd. ``AreaError`` for a point that has no height.
+    """
     if size < 1 or size % 2 == 0:
         raise AreaError(f"a patch of {size} nodes has no centre node; its size must be odd")
-    for place in zip(lon_deg, lat_deg, strict=True):
-        require_place(*place)
+    for lon, lat in zip(lon_deg, lat_deg, strict=True):
+        require_place(lon, lat)
     _require_gsd(gsd_m)
     if not len(lon_deg):
         return []
@@ -172,7 +179,8 @@ def _patches(dems: DemSet, lon_deg: Array, lat_deg: Array, size: int, gsd_m: flo
     z, _ = _solve(dems, frames, np.tile(x, len(frames)), np.tile(y, len(frames)), gsd_m)
     patches = z.reshape(-1, size, size).astype(np.float32)
     patches[:, half, half] = 0.0  # by definition; the solution agrees to a micrometre
-    return [Patch(*one) for one in zip(patches, frames, numbers.tolist(), strict=True)]
+    made = zip(patches, frames, numbers.tolist(), strict=True)
+    return [Patch(z_m, frame, number) for z_m, frame, number in made]
 
 
 def native_gsd_m(dems: DemSet, area: Area) -> float:

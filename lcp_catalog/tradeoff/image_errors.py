@@ -102,7 +102,7 @@ def compare_images(jobs: dict[str, AreaJob]) -> tuple[dict[str, ImageChanges], E
             if images[REFERENCE].view == above:
                 _judge_light(images, changes)
                 shown.look(images, sweeps[REFERENCE].conditions)
-            if images[REFERENCE].view < len(jobs[REFERENCE].config.view):
+            if images[REFERENCE].view < len(jobs[REFERENCE].recipe.config.view):
                 _judge_radiance(images, changes)
     for tier, sweep in sweeps.items():
         for view in range(len(sweep.view_directions)):
@@ -128,7 +128,7 @@ def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
         )
     return {
         tier: dataclasses.replace(
-            exact, conditions=conditions, accuracy=tiered.config.model.precision
+            exact, conditions=conditions, accuracy=tiered.recipe.config.model.precision
         )
         for tier, tiered in jobs.items()
     }

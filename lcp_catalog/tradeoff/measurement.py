@@ -8,7 +8,6 @@ separately, on terrain that is made once.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +19,6 @@ from ..errors import ConfigError
 from ..geometry.frames import lonlat_to_mcmf
 from ..production.area_job import AreaJob, run_area
 from ..production.run import Build
-from ..production.sweep import Conditions
 from .image_errors import REFERENCE, ErrorPicture, ImageChanges, compare_images
 from .law_costs import ModelChanges, compare_models
 from .point_changes import compare_points
@@ -106,8 +104,10 @@ def _taking_turns(turn: int) -> list[str]:
 
 
 def _in_tier(job: AreaJob, tier: str) -> AreaJob:
-    model = dataclasses.replace(job.config.model, accuracy=tier, tolerance=None)
-    return dataclasses.replace(job, config=dataclasses.replace(job.config, model=model))
+    recipe = job.recipe
+    model = dataclasses.replace(recipe.config.model, accuracy=tier, tolerance=None)
+    config = dataclasses.replace(recipe.config, model=model)
+    return dataclasses.replace(job, recipe=dataclasses.replace(recipe, config=config))
 
 
 def spread(build: Build, count: int) -> list[int]:
@@ -116,9 +116,10 @@ def spread(build: Build, count: int) -> list[int]:
 
     Areas with less than half of the nodes of the largest one are chosen last.
     """
-    nodes = np.array([math.prod(job.task.window.shape) for job in build.jobs])
-    place = lonlat_to_mcmf(*np.array([(j.task.lon_deg, j.task.lat_deg) for j in build.jobs]).T)
-    centre = lonlat_to_mcmf(build.region.lon_deg, build.region.lat_deg)
+    nodes = np.array([job.nodes for job in build.jobs])
+    lon, lat = np.array([(job.task.lon_deg, job.task.lat_deg) for job in build.jobs]).T
+    place, region = lonlat_to_mcmf(lon, lat), build.recipe.region
+    centre = lonlat_to_mcmf(region.lon_deg, region.lat_deg)
     rank = np.where(2 * nodes >= nodes.max(), 0, 1)
     chosen: list[int] = []
     away = -np.linalg.norm(place - centre, axis=1)
@@ -194,7 +195,7 @@ def _rows(
                 "visible_error_share": change.visible_error_share,
                 "radiance_rmse": change.radiance_rmse,
                 **dataclasses.asdict(
-                    compare_points(found[REFERENCE], found[tier], build.config, build.gsd_m)
+                    compare_points(found[REFERENCE], found[tier], build.recipe.config)
                 ),
             }
         )
@@ -203,26 +204,25 @@ def _rows(
 
 def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) -> dict[str, Any]:
     """The compared areas and conditions in plain values."""
-    config = build.config
-    conditions = [Conditions.at(job.task.lat_deg, config) for job in chosen]
+    config, region = build.recipe.config, build.recipe.region
     return {
-        "dems": [source["name"] for source in build.dems.sources()],
+        "dems": [source["name"] for source in build.recipe.dems.sources()],
         "region": {
-            "center_lon": build.region.lon_deg,
-            "center_lat": build.region.lat_deg,
-            **dict(zip(("west", "south", "east", "north"), build.region.bounds, strict=True)),
+            "center_lon": region.lon_deg,
+            "center_lat": region.lat_deg,
+            **dict(zip(("west", "south", "east", "north"), region.bounds, strict=True)),
         },
-        "gsd_m": build.gsd_m,
+        "gsd_m": config.gsd_m,
         "areas": len(chosen),
         "areas_of": len(build.jobs),
         "area_names": [job.task.name for job in chosen],
-        "area_nodes": [math.prod(job.task.window.shape) for job in chosen],
-        "suns": sorted({int(c.reachable.sum()) for c in conditions}),
+        "area_nodes": [job.nodes for job in chosen],
+        "suns": sorted({int(job.conditions.reachable.sum()) for job in chosen}),
         "sun_azimuths_deg": list(config.sun.azimuths_deg),
         "sun_elevations_deg": list(config.sun.elevations_deg),
         "views": len(config.view),
         "view_off_nadir_deg": list(config.view.off_nadir_deg),
-        "reflectance": build.choice.model.name,
+        "reflectance": build.recipe.law.model.name,
         "threads": 1,
         "rounds": rounds,
         "own_process": isolated,

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray
 from ..catalog.schema import evaluated, usable
-from ..landmarks.selection import nearest, stable_id
+from ..landmarks.selection import Places, nearest, stable_id
 from ..production.area_job import Candidates
-from ..production.assembly import choose
+from ..production.assembly import choose, spacing_m
 from ..production.config import BuildConfig
 from ..production.finished_area import table_of
 
@@ -53,9 +53,7 @@ class PointChanges:
     localization_sigma_change_share: Change
 
 
-def compare_points(
-    reference: Candidates, tier: Candidates, config: BuildConfig, gsd_m: float
-) -> PointChanges:
+def compare_points(reference: Candidates, tier: Candidates, config: BuildConfig) -> PointChanges:
     """Compare the points that `assembly.choose` takes from either set, matched by their
     identifiers.
 
@@ -66,13 +64,14 @@ def compare_points(
     Sigma: the catalogue's ``localization_sigma``, major axis, of common points.
     """
     ids = {"ours": _ids(tier), "exact": _ids(reference)}
-    ours, exact = (choose(table_of(c, config), config, gsd_m) for c in (tier, reference))
+    ours, exact = (choose(table_of(c, config), config) for c in (tier, reference))
     lost = exact[~np.isin(ids["exact"][exact], ids["ours"][ours])]
     gained = ours[~np.isin(ids["ours"][ours], ids["exact"][exact])]
-    near_m = config.points.spacing_nodes(gsd_m) * gsd_m / 2.0
-    away_m = nearest(
-        reference.lon_deg[lost], reference.lat_deg[lost], tier.lon_deg[gained], tier.lat_deg[gained]
-    )[1]
+    near_m = spacing_m(config) / 2.0
+    _, away_m = nearest(
+        Places(reference.lon_deg[lost], reference.lat_deg[lost]),
+        Places(tier.lon_deg[gained], tier.lat_deg[gained]),
+    )
     _, here, there = np.intersect1d(ids["ours"], ids["exact"], return_indices=True)
     both = np.isin(here, ours) & np.isin(there, exact)
     before = _sigma_m(reference, there[both])

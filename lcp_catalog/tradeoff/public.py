@@ -76,7 +76,7 @@ def trade(
     build = planned_build(
         dem, config, center_deg=center_deg, size_km=size_km, bounds_deg=bounds_deg, gsd_m=gsd_m
     )
-    if build.levels:
+    if len(build.levels) > 1:
         raise ConfigError(
             "the configuration has several levels, but the tiers are compared on one cell size: give `area.gsd_m`"
         )

@@ -37,7 +37,7 @@ from lcp_catalog.production.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.production.run import Build, run_build
+from lcp_catalog.production.run import Build, BuildRun
 
 GSD_M = 500.0
 CONFIG = BuildConfig(
@@ -89,7 +89,7 @@ def built(
 ) -> tuple[Build, Path]:
     plan = Build.plan((ball,), spotted)
     output = tmp_path_factory.mktemp("build") / "spots.h5"
-    run_build(plan, output)
+    BuildRun(plan, output).whole()
     return plan, output
 
 
@@ -104,7 +104,7 @@ def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: P
     """
     assert len(catalog) >= 4
     plan = Build.plan((ball,), CONFIG)
-    run_build(plan, tmp_path / "bare.h5")
+    BuildRun(plan, tmp_path / "bare.h5").whole()
     assert len(open_catalog(tmp_path / "bare.h5")) == 0
     assert (catalog.shadow_dependence == 0.0).all()
     assert (catalog.occlusion_dependence == 0.0).all()
@@ -187,7 +187,7 @@ def test_the_file_says_where_it_comes_from(built: tuple[Build, Path], catalog: C
 @pytest.mark.slow  # starts processes; test_build has one without a map in the fast suite
 def test_two_processes_give_the_same_bytes(built: tuple[Build, Path], tmp_path: Path) -> None:
     plan, path = built
-    run_build(plan, tmp_path / "two.h5", jobs=2)
+    BuildRun(plan, tmp_path / "two.h5", jobs=2).whole()
     assert (tmp_path / "two.h5").read_bytes() == path.read_bytes()
 
 
@@ -204,9 +204,9 @@ def test_a_broken_run_gives_the_same_bytes(
 
     monkeypatch.setattr(run, "run_area", fails)
     with pytest.raises(AreaFailedError):
-        run_build(plan, tmp_path / "again.h5")
+        BuildRun(plan, tmp_path / "again.h5").whole()
     monkeypatch.undo()
-    run_build(plan, tmp_path / "again.h5", resume=True)
+    BuildRun(plan, tmp_path / "again.h5", resume=True).whole()
     assert (tmp_path / "again.h5").read_bytes() == path.read_bytes()
 
 

@@ -18,6 +18,7 @@ from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.catalog.maps import usable_nearby
 from lcp_catalog.catalog.packing import packing, sigma_step_m
 from lcp_catalog.errors import CatalogError
+from lcp_catalog.landmarks.selection import Places
 
 NAMES = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 DIMS = ("point", "image_scale", "view", "sun_elevation", "sun_azimuth")
@@ -114,8 +115,8 @@ def test_coverage_by_condition_against_every_distance() -> None:
     found = catalogs.catalog(12)
     cells = found.coverage
     got = usable_nearby(
-        (cells.longitude, cells.latitude),
-        (found.longitude, found.latitude),
+        Places(cells.longitude, cells.latitude),
+        Places(found.longitude, found.latitude),
         found.condition,
         7000.0,
     )
@@ -133,8 +134,10 @@ def test_coverage_by_condition_against_every_distance() -> None:
 
 
 def test_coverage_without_points_or_cells() -> None:
-    none = (np.zeros(0), np.zeros(0))
-    empty = usable_nearby((np.zeros(3), np.zeros(3)), none, np.zeros((0, 1, 2, 4), np.uint8), 1e3)
+    none = Places(np.zeros(0), np.zeros(0))
+    empty = usable_nearby(
+        Places(np.zeros(3), np.zeros(3)), none, np.zeros((0, 1, 2, 4), np.uint8), 1e3
+    )
     assert empty.shape == (3, 1, 2, 4)
     assert usable_nearby(none, none, np.zeros((0, 1, 2, 4), np.uint8), 1e3).shape == (0, 1, 2, 4)
 

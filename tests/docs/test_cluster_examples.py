@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from lcp_catalog.production.config import BuildConfig
-from lcp_catalog.production.run import build_catalog
+from lcp_catalog.production.run import Build, BuildRun
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -42,7 +42,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The catalogue of the job, built by one process."""
     folder = make_folder(tmp_path_factory.mktemp("whole") / "job")
     config = BuildConfig.from_toml(folder / "tile.toml")
-    build_catalog([folder / "dem.tif"], config, folder / "whole.h5")
+    BuildRun(Build.plan([folder / "dem.tif"], config), folder / "whole.h5").whole()
     return (folder / "whole.h5").read_bytes()
 
 

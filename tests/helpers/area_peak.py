@@ -11,7 +11,7 @@ from lcp_catalog.production.area_job import AreaJob, run_area
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.estimate import estimate
 from lcp_catalog.production.finished_area import finished_area
-from lcp_catalog.production.run import Build, build_catalog
+from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.threads import limit_threads
 
 LIBRARIES_MB = 150.0
@@ -36,13 +36,13 @@ class AreaPeak(NamedTuple):
 def area_peak(job: AreaJob) -> AreaPeak:
     """Compute an area on one thread."""
     limit_threads(1)
-    finished_area(run_area(job), job.config, job.gsd_m)
+    finished_area(run_area(job), job.recipe.config)
     return AreaPeak(peak_mb(), _status_mb("RssFile"), block_cache._store.limit_bytes)
 
 
 def build_peak_mb(dem: str, config: BuildConfig, output: Path, jobs: int) -> float:
     """Peak memory of this process after a build, MB."""
-    build_catalog([dem], config, output, jobs=jobs)
+    BuildRun(Build.plan([dem], config), output, jobs=jobs).whole()
     return peak_mb()
 
 

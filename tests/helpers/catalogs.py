@@ -28,6 +28,7 @@ from lcp_catalog.geometry.frames import (
     mcmf_to_lonlat,
 )
 from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR
+from lcp_catalog.landmarks.selection import Places
 from lcp_catalog.production.region_maps import coverage_cells
 from lcp_catalog.terrain.area import Area
 
@@ -159,8 +160,8 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
         array[np.broadcast_to((condition == 0)[:, None], array.shape)] = np.nan
     cells = found["coverage"]
     nearby = usable_nearby(
-        (cells.longitude, cells.latitude),
-        (found["longitude"], found["latitude"]),
+        Places(cells.longitude, cells.latitude),
+        Places(found["longitude"], found["latitude"]),
         condition,
         cells.spacing_m,
     )

@@ -9,6 +9,7 @@ import numpy as np
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.catalog.maps import usable_nearby
 from lcp_catalog.catalog.schema import USABLE, summarise_usable
+from lcp_catalog.landmarks.selection import Places
 
 from .catalogs import ERRORS
 
@@ -26,8 +27,8 @@ def claiming(plain: Catalog, sigma_m: float, search_m: float) -> Catalog:
     lowest, highest = summarise_usable(condition, plain.sun_elevation)
     cells = plain.coverage
     nearby = usable_nearby(
-        (cells.longitude, cells.latitude),
-        (plain.longitude, plain.latitude),
+        Places(cells.longitude, cells.latitude),
+        Places(plain.longitude, plain.latitude),
         condition,
         cells.spacing_m,
     )

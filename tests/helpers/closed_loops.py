@@ -33,8 +33,8 @@ from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.frame import DemSurface, frame
-from lcp_catalog.terrain.terrain import sample_patch
 
+from .one_patch import sample_patch
 from .twins_match import catalog_of_patches
 
 if TYPE_CHECKING:

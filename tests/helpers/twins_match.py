@@ -14,9 +14,9 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance, photometry
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.terrain import sample_patch
 
 from .catalogs import HADLEY, catalog, unevaluated
+from .one_patch import sample_patch
 
 
 def catalog_of_patches(

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import central_angle_deg
 from lcp_catalog.landmarks.selection import (
+    Places,
     Status,
     coverage,
     nearest,
@@ -21,6 +22,10 @@ from lcp_catalog.landmarks.selection import (
 
 KM = 1000.0
 DEG_M = np.pi / 180.0 * MOON_RADIUS_M
+
+
+def at(lon_deg, lat_deg):
+    return Places(np.array(lon_deg), np.array(lat_deg))
 
 
 def distance_m(lon1, lat1, lon2, lat2):
@@ -69,7 +74,7 @@ PLACES = [(123.0, 10.0), (0.0, -30.0), (77.0, 90.0), (200.0, -90.0), (359.9, 88.
 def test_the_choice_is_that_of_brute_force(centre):
     lon, lat, rng = scattered(1, 150, centre)
     usable, quality = rng.integers(0, 6, 150), rng.integers(0, 3, 150).astype(float)
-    assert select(lon, lat, usable, quality, 8 * KM).tolist() == brute_select(
+    assert select(Places(lon, lat), usable, quality, 8 * KM).tolist() == brute_select(
         lon, lat, usable, quality, 8 * KM
     )
 
@@ -83,7 +88,7 @@ def test_the_choice_is_that_of_brute_force(centre):
 def test_no_two_points_are_close_and_no_candidate_is_far(seed, centre, spacing_km, fill):
     lon, lat, rng = scattered(seed, 120, centre)
     usable, quality = rng.integers(0, 4, 120), rng.random(120)
-    chosen = select(lon, lat, usable, quality, spacing_km * KM, fill)
+    chosen = select(Places(lon, lat), usable, quality, spacing_km * KM, fill)
     assert (usable[chosen] > 0).all()
     apart = distance_m(lon[chosen][:, None], lat[chosen][:, None], lon[chosen], lat[chosen])
     limit = fill * spacing_km * KM
@@ -98,7 +103,9 @@ def test_no_two_points_are_close_and_no_candidate_is_far(seed, centre, spacing_k
 def test_a_second_pass_only_adds():
     lon, lat, rng = scattered(3, 500, (45.0, 45.0))
     usable, quality = rng.integers(1, 4, 500), rng.random(500)
-    first, both = (set(select(lon, lat, usable, quality, 10 * KM, f).tolist()) for f in (1.0, 0.75))
+    first, both = (
+        set(select(Places(lon, lat), usable, quality, 10 * KM, f).tolist()) for f in (1.0, 0.75)
+    )
     assert first < both
 
 
@@ -106,31 +113,31 @@ def test_the_order_of_the_input_does_not_matter():
     lon, lat, rng = scattered(2, 300, (0.0, 0.0))
     usable, quality = rng.integers(0, 3, 300), rng.integers(0, 2, 300).astype(float)
     turn = rng.permutation(300)
-    one = select(lon, lat, usable, quality, 5 * KM)
-    other = turn[select(lon[turn], lat[turn], usable[turn], quality[turn], 5 * KM)]
+    one = select(Places(lon, lat), usable, quality, 5 * KM)
+    other = turn[select(Places(lon[turn], lat[turn]), usable[turn], quality[turn], 5 * KM)]
     assert one.tolist() == other.tolist()
     assert (np.diff(stable_id(lon[one], lat[one])) > 0).all()
 
 
 def test_more_conditions_win_then_quality():
     lon, lat = np.array([10.0, 10.01, 10.02]), np.zeros(3)
-    assert select(lon, lat, [2, 3, 1], [9.0, 0.0, 9.0], 5 * KM).tolist() == [1]
-    assert select(lon, lat, [2, 2, 2], [0.1, 0.0, 0.9], 5 * KM).tolist() == [2]
-    assert select(lon, lat, [2, 2, 2], [0.0, 0.0, 0.0], 5 * KM).tolist() == [0]
+    assert select(Places(lon, lat), [2, 3, 1], [9.0, 0.0, 9.0], 5 * KM).tolist() == [1]
+    assert select(Places(lon, lat), [2, 2, 2], [0.1, 0.0, 0.9], 5 * KM).tolist() == [2]
+    assert select(Places(lon, lat), [2, 2, 2], [0.0, 0.0, 0.0], 5 * KM).tolist() == [0]
 
 
 def test_candidates_that_are_never_chosen():
-    assert select([], [], [], [], 1.0).size == 0
-    assert select([1.0, 2.0], [0.0, 0.0], [0, 3], [1.0, np.nan], 1.0).size == 0
+    assert select(at([], []), [], [], 1.0).size == 0
+    assert select(at([1.0, 2.0], [0.0, 0.0]), [0, 3], [1.0, np.nan], 1.0).size == 0
     assert (
-        select([1.0, 1.0 + 1e-6], [0.0005, 0.0005], [1, 1], [0.0, 0.0], 1e-3).size == 1
+        select(at([1.0, 1.0 + 1e-6], [0.0005, 0.0005]), [1, 1], [0.0, 0.0], 1e-3).size == 1
     )  # one id, one point
     assert (
-        select([0.0, 180.0], [0.0, 0.0], [1, 1], [0.0, 0.0], 6e6).size == 1
+        select(at([0.0, 180.0], [0.0, 0.0]), [1, 1], [0.0, 0.0], 6e6).size == 1
     )  # wider than the Moon
     for bad in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="spacing"):
-            select([1.0], [0.0], [1], [0.0], bad)
+            select(at([1.0], [0.0]), [1], [0.0], bad)
 
 
 def id_to_lonlat(number):
@@ -188,40 +195,40 @@ def test_an_invalid_place_has_no_id():
 def test_nearest_is_that_of_brute_force():
     lon, lat, _ = scattered(4, 80, (359.9, 88.5))
     to_lon, to_lat, _ = scattered(5, 60, (0.5, 88.5))
-    index, away = nearest(lon, lat, to_lon, to_lat)
+    index, away = nearest(Places(lon, lat), Places(to_lon, to_lat))
     every = distance_m(lon[:, None], lat[:, None], to_lon, to_lat)
     np.testing.assert_allclose(away, every.min(axis=1), atol=1e-3)
     assert index.tolist() == every.argmin(axis=1).tolist()
-    assert nearest(lon, lat, [], [])[1].tolist() == [np.inf] * 80
+    assert nearest(Places(lon, lat), at([], []))[1].tolist() == [np.inf] * 80
 
 
 def test_the_status_of_a_cell_gives_the_reason_why_it_is_empty():
     spacing = 10 * KM
     step = spacing / DEG_M
-    cells = (np.arange(8) * step, np.zeros(8))
+    cells = Places(np.arange(8) * step, np.zeros(8))
     ground = np.array([True, True, True, True, True, False, True, False])
     lon = np.array([0.0, 1.1, 2.1, 2.2, 3.0, 7.4]) * step
     stage = np.array([0, 0, 0, 1, 2, 3])
-    points = (np.array([7.4 * step]), np.zeros(1))
-    status = coverage(cells, ground, (lon, np.zeros(6)), stage, points, spacing)
+    points = Places(np.array([7.4 * step]), np.zeros(1))
+    status = coverage(cells, ground, Places(lon, np.zeros(6)), stage, points, spacing)
     names = [Status(s).name for s in status]
     assert names[:4] == ["FEATURELESS", "FEATURELESS", "AMBIGUOUS", "DEPENDENT"]
     assert names[4:] == ["FEATURELESS", "NODATA", "FEATURELESS", "POINT"]
-    far = coverage(cells, ground, ([50.0], [50.0]), np.array([3]), ([], []), spacing)
+    far = coverage(cells, ground, at([50.0], [50.0]), np.array([3]), at([], []), spacing)
     assert (far == np.where(ground, Status.FEATURELESS, Status.NODATA)).all()
 
 
 def test_a_usable_candidate_counts_though_its_neighbour_was_chosen():
     spacing = 10 * KM
     step = spacing / DEG_M
-    cells = (np.array([0.0, step]), np.zeros(2))
+    cells = Places(np.array([0.0, step]), np.zeros(2))
     lon = np.array([-0.4, 0.55]) * step
     status = coverage(
         cells,
         np.ones(2, bool),
-        (lon, np.zeros(2)),
+        Places(lon, np.zeros(2)),
         np.array([3, 3]),
-        (lon[:1], np.zeros(1)),
+        Places(lon[:1], np.zeros(1)),
         spacing,
     )
     assert status.tolist() == [Status.POINT, Status.POINT]
@@ -236,10 +243,10 @@ def test_a_cell_is_served_by_a_point_within_a_spacing_of_its_centre():
     spacing = 10 * KM
     step = spacing / DEG_M
     cells, point = (
-        (np.array([0.0, 1.0, 2.0]) * step, np.zeros(3)),
-        (np.array([-0.05 * step]), np.zeros(1)),
+        Places(np.array([0.0, 1.0, 2.0]) * step, np.zeros(3)),
+        Places(np.array([-0.05 * step]), np.zeros(1)),
     )
-    near = (np.array([0.1 * step]), np.zeros(1))
+    near = Places(np.array([0.1 * step]), np.zeros(1))
     ground = np.ones(3, dtype=bool)
     assert coverage(cells, ground, near, [3], near, spacing)[:2].tolist() == [Status.POINT] * 2
     assert coverage(cells, ground, point, [3], point, spacing)[1] == Status.FEATURELESS

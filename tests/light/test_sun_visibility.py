@@ -22,6 +22,7 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_visibility import among_terrain, sun_over_ground
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.surroundings import SunRays, build_surrounded, surroundings
+from lcp_catalog.terrain.terrain import Ground
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +38,9 @@ def test_a_far_range_cuts_the_disc(range_dem, above_m) -> None:
     disc to 0.001 deg.
     """
     dems = DemSet.open([range_dem])
-    place = (dems, EnuFrame(0.0, 0.0), NodeWindow(0, 1, 0, 1), 100.0)
+    ground = Ground(dems, EnuFrame(0.0, 0.0), NodeWindow(0, 1, 0, 1), 100.0)
     terrain = build_surrounded(
-        *place, surroundings(*place, SunRays.all_around(math.tan(math.radians(-2.0))))
+        ground, surroundings(ground, SunRays.all_around(math.tan(math.radians(-2.0))))
     )
     height = horizon_deg(0.0)
     if above_m:

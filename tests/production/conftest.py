@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers.small_build import CONFIG, DEM
 
-from lcp_catalog.production.run import Build, run_build
+from lcp_catalog.production.run import Build, BuildRun
 
 
 @pytest.fixture(scope="session")
@@ -18,5 +18,5 @@ def plan() -> Build:
 @pytest.fixture(scope="session")
 def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("build") / "small.h5"
-    run_build(plan, output)
+    BuildRun(plan, output).whole()
     return output

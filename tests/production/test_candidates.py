@@ -14,7 +14,13 @@ from helpers.random_scenes import make
 
 from lcp_catalog.landmarks.corners import candidates
 from lcp_catalog.production import area_job
-from lcp_catalog.production.config import BuildConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.plan import ring_decision
 
@@ -41,6 +47,7 @@ def ridge() -> np.ndarray:
 def swept() -> Sweep:
     """One Sun in the east and three in the west, all 20 deg high."""
     made = BuildConfig(
+        area=AreaConfig(gsd_m=CELL_M),
         sun=SunConfig((90.0, 255.0, 270.0, 285.0), (20.0,)),
         view=ViewConfig((0.0,), (0.0,), (math.inf,)),
         points=PointConfig(patch_nodes=9, search_m=4 * CELL_M),
@@ -69,14 +76,19 @@ def test_texture_that_one_sun_shows_is_found(monkeypatch: pytest.MonkeyPatch) ->
         useful=every, origin=(0, 0),
     )  # fmt: skip
     points = PointConfig(patch_nodes=9, spacing_m=112 * CELL_M, per_view=0)
-    found = area_job._find(sweep, core, BuildConfig(points=points), CELL_M)
+    found = area_job._find(sweep, core, BuildConfig(AreaConfig(gsd_m=CELL_M), points=points))
     assert on_the_flank(found[1]) == 1
 
     def of_the_mean(score, groups, **how):
         return candidates(score, **how)
 
     monkeypatch.setattr(area_job, "candidates_of_groups", of_the_mean)
-    assert on_the_flank(area_job._find(sweep, core, BuildConfig(points=points), CELL_M)[1]) == 0
+    assert (
+        on_the_flank(
+            area_job._find(sweep, core, BuildConfig(AreaConfig(gsd_m=CELL_M), points=points))[1]
+        )
+        == 0
+    )
 
 
 def test_groups_of_suns() -> None:

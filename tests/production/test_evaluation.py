@@ -21,7 +21,13 @@ from lcp_catalog.catalog.schema import (
 )
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import evaluation
-from lcp_catalog.production.config import BuildConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
 from lcp_catalog.production.evaluation import evaluate, image_scales
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision
@@ -31,6 +37,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 CELL_M = 20.0
 CONFIG = BuildConfig(
+    area=AreaConfig(gsd_m=CELL_M),
     sun=SunConfig((0.0, 90.0, 180.0, 270.0), (10.0, 40.0)),
     view=ViewConfig((0.0, 30.0), (0.0, 90.0), (math.inf, math.inf)),
     points=PointConfig(patch_nodes=17, search_m=12 * CELL_M),
@@ -50,7 +57,7 @@ def swept(z: np.ndarray, turn_rad: float = 0.0, config: BuildConfig = CONFIG) ->
 
 def judged(z: np.ndarray, turn_rad: float = 0.0, config: BuildConfig = CONFIG, at=((36,), (36,))):
     rows, cols = (np.array(a) for a in at)
-    return evaluate(swept(z, turn_rad, config), rows, cols, config, CELL_M, ERRORS)
+    return evaluate(swept(z, turn_rad, config), rows, cols, config, ERRORS)
 
 
 @pytest.mark.parametrize(
@@ -159,7 +166,7 @@ def test_more_noise_is_never_better():
     rows, cols = np.array([36]), np.array([36])
     sweep = swept(ground(3))
     quiet, loud = (
-        evaluate(sweep, rows, cols, CONFIG, CELL_M, dataclasses.replace(ERRORS, sensor_noise=noise))
+        evaluate(sweep, rows, cols, CONFIG, dataclasses.replace(ERRORS, sensor_noise=noise))
         for noise in (0.01, 0.2)
     )
     assert (loud.detection <= quiet.detection + 1e-6).all()
@@ -171,7 +178,7 @@ def test_the_error_of_place_adds_to_both_axes():
     rows, cols = np.array([36]), np.array([36])
     sweep = swept(ground(3))
     one, other = (
-        evaluate(sweep, rows, cols, CONFIG, CELL_M, dataclasses.replace(ERRORS, position_sigma_m=s))
+        evaluate(sweep, rows, cols, CONFIG, dataclasses.replace(ERRORS, position_sigma_m=s))
         for s in (0.0, 7.0)
     )
     for name in ("sigma_major_m", "sigma_minor_m"):
@@ -203,7 +210,7 @@ def test_a_coarse_image_of_an_open_patch_differs_by_nothing_from_the_patch_alone
     at = (36, 36, 37, 37), (36, 37, 36, 37)
     sweep = swept(ground(5, sigma=4.0), config=high)
     quiet = ErrorModel(1e-4, 0.0, 40.0, 0.0, 100.0)
-    found = evaluate(sweep, *(np.array(a) for a in at), high, CELL_M, quiet)
+    found = evaluate(sweep, *(np.array(a) for a in at), high, quiet)
     assert found.shadow_dependence.max() == 0.0
     np.testing.assert_allclose(found.detection, 1.0, atol=1e-6)
 

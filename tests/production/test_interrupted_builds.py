@@ -16,7 +16,7 @@ from lcp_catalog.production import run
 from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
 from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.finished_area import finished_area
-from lcp_catalog.production.run import Build, run_build
+from lcp_catalog.production.run import Build, BuildRun
 
 
 def test_a_broken_run_is_resumed(
@@ -35,7 +35,7 @@ def test_a_broken_run_is_resumed(
 
     monkeypatch.setattr(run, "run_area", fails_at_the_end)
     with pytest.raises(AreaFailedError, match=rf"{victim}.*a bit fell over.*`resume`"):
-        run_build(plan, output)
+        BuildRun(plan, output).whole()
     assert not output.exists()
     kept = sorted(output.with_name("broken.h5.parts").glob("*.area"))
     assert len(kept) == len(plan.jobs) - 1
@@ -48,7 +48,7 @@ def test_a_broken_run_is_resumed(
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", counts)
-    run_build(plan, output, resume=True)
+    BuildRun(plan, output, resume=True).whole()
     assert done == [victim]
     assert output.read_bytes() == built.read_bytes()
 
@@ -64,7 +64,7 @@ def test_keep_going_writes_what_there_is(
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", fails_first)
-    report = run_build(plan, tmp_path / "partly.h5", keep_going=True)
+    report = BuildRun(plan, tmp_path / "partly.h5", keep_going=True).whole()
     assert list(report.failed) == [victim]
     assert verify(tmp_path / "partly.h5") == []
 
@@ -75,8 +75,8 @@ def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_pa
     parts.mkdir()
     (parts / "run.json").write_text('{"fingerprint": "another"}')
     with pytest.raises(OutputExistsError, match="another configuration"):
-        run_build(plan, output, resume=True)
-    run_build(plan, output)
+        BuildRun(plan, output, resume=True).whole()
+    BuildRun(plan, output).whole()
     assert output.read_bytes() == built.read_bytes()
 
 
@@ -96,20 +96,18 @@ def test_resume_and_overwrite_together(
     checkpoints.folder.mkdir()
     checkpoints.begin(resume=False)
     checkpoints.write(
-        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.recipe.config)
     )
-    run_build(plan, output, resume=True, overwrite=True)
+    BuildRun(plan, output, resume=True, overwrite=True).whole()
     assert plan.jobs[0].task.name not in computed
     assert len(computed) == len(plan.jobs) - 1
     assert output.read_bytes() == built.read_bytes()
     other = Checkpoints.beside(output, "another")
     other.folder.mkdir()
     other.begin(resume=False)
-    other.write(
-        plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
-    )
+    other.write(plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.recipe.config))
     computed.clear()
-    run_build(plan, output, resume=True, overwrite=True)
+    BuildRun(plan, output, resume=True, overwrite=True).whole()
     assert len(computed) == len(plan.jobs)
     assert output.read_bytes() == built.read_bytes()
 
@@ -120,22 +118,22 @@ def test_a_second_build_of_the_same_output_is_refused(
 ) -> None:
     """While the first runs; the first is not disturbed, and after it the output is free again."""
     output, refused = tmp_path / "one.h5", []
-    points = dataclasses.replace(plan.config.points, min_detection=0.5)
-    other = dataclasses.replace(plan, config=dataclasses.replace(plan.config, points=points))
+    points = dataclasses.replace(CONFIG.points, min_detection=0.5)
+    other = Build.plan((DEM,), dataclasses.replace(CONFIG, points=points))
 
     def interrupted(job: AreaJob) -> AreaResult:
         if not refused:
             with pytest.raises(OutputExistsError, match="another build of this output is running"):
-                run_build(other, output)
+                BuildRun(other, output).whole()
             refused.append(job)
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", interrupted)
-    run_build(plan, output)
+    BuildRun(plan, output).whole()
     assert len(refused) == 1
     assert output.read_bytes() == built.read_bytes()
     assert sorted(tmp_path.iterdir()) == [output]
-    run_build(plan, output, overwrite=True)
+    BuildRun(plan, output, overwrite=True).whole()
 
 
 @pytest.mark.parametrize("how", ["removed", "of another run"])
@@ -153,16 +151,16 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
                 lost.unlink()
             else:
                 Checkpoints(lost.parent, "another").write(
-                    seen[0], finished_area(run_area(plan.jobs[0]), plan.config, plan.gsd_m)
+                    seen[0], finished_area(run_area(plan.jobs[0]), plan.recipe.config)
                 )
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", careless)
     with pytest.raises(AreaFailedError, match=r"no longer there.*`resume`"):
-        run_build(plan, output)
+        BuildRun(plan, output).whole()
     assert not output.exists()
     monkeypatch.setattr(run, "run_area", run_area)
-    run_build(plan, output, resume=True)
+    BuildRun(plan, output, resume=True).whole()
     assert output.read_bytes() == built.read_bytes()
 
 
@@ -199,15 +197,17 @@ def test_an_input_that_changes_while_the_build_runs_is_refused(
         path.write_bytes(content)
 
     if how == "touched":
-        run_build(plan, output, progress=change)
+        BuildRun(plan, output, progress=change).whole()
         return
     with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*`resume`"):
-        run_build(plan, output, progress=change)
+        BuildRun(plan, output, progress=change).whole()
     assert not output.exists()
     assert len(list((tmp_path / "x.h5.parts").glob("*.area"))) <= at
     shutil.copy(DEM, dem)
     begun = []
-    run_build(Build.plan((dem,), CONFIG), output, resume=True, progress=lambda *n: begun.append(n))
+    BuildRun(
+        Build.plan((dem,), CONFIG), output, resume=True, progress=lambda *n: begun.append(n)
+    ).whole()
     assert begun[0][0] >= last
     assert open_catalog(output).point_id.tolist() == open_catalog(built).point_id.tolist()
 
@@ -219,7 +219,7 @@ def test_other_files_in_the_folder_of_checkpoints_stay(
     parts.mkdir()
     for name in ("notes.txt", "measurements.npz"):
         (parts / name).write_text("mine")
-    run_build(plan, tmp_path / "mine.h5")
+    BuildRun(plan, tmp_path / "mine.h5").whole()
     assert sorted(file.name for file in parts.iterdir()) == ["measurements.npz", "notes.txt"]
 
 
@@ -227,7 +227,7 @@ def test_an_existing_output_is_left_alone(plan: Build, built: Path, tmp_path: Pa
     output = tmp_path / "mine.h5"
     shutil.copy(built, output)
     with pytest.raises(OutputExistsError, match="`overwrite`"):
-        run_build(plan, output)
+        BuildRun(plan, output).whole()
     assert not output.with_name("mine.h5.parts").exists()
 
 
@@ -241,5 +241,5 @@ def test_an_output_that_is_an_input_is_refused(tmp_path: Path, how: str) -> None
     elif how == "a hard link":
         output.hardlink_to(dem)
     with pytest.raises(OutputError, match="is read, too"):
-        run_build(Build.plan((dem,), CONFIG), output, overwrite=True)
+        BuildRun(Build.plan((dem,), CONFIG), output, overwrite=True).whole()
     assert dem.read_bytes() == DEM.read_bytes()

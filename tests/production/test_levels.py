@@ -24,8 +24,7 @@ from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
 from lcp_catalog.production.config import AreaConfig, BuildConfig
 from lcp_catalog.production.estimate import estimate
 from lcp_catalog.production.merging import merge_catalogs
-from lcp_catalog.production.parts import BuildPart, list_parts, merge_parts, run_part
-from lcp_catalog.production.run import Build, run_build
+from lcp_catalog.production.run import Build, BuildPart, BuildRun
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +40,7 @@ def plan(dems: tuple[Path, Path]) -> Build:
 @pytest.fixture(scope="module")
 def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("levels") / "levels.h5"
-    run_build(plan, output)
+    BuildRun(plan, output).whole()
     return output
 
 
@@ -51,7 +50,7 @@ def singles(dems: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -
     folder = tmp_path_factory.mktemp("singles")
     files = [folder / f"level{number:02d}.h5" for number in range(2)]
     for cell_m, file in zip((FINE_M, COARSE_M), files, strict=True):
-        run_build(Build.plan(dems, with_cells(levels_m=(cell_m,))), file)
+        BuildRun(Build.plan(dems, with_cells(levels_m=(cell_m,))), file).whole()
     return files
 
 
@@ -120,7 +119,7 @@ def test_derived_levels_that_no_dem_resolves_are_left_out(
 ) -> None:
     caplog.set_level(logging.WARNING)
     build = Build.plan(dems, with_cells(altitudes_km=(60.0, 480.0), ifov_rad=1e-3))
-    assert [level.gsd_m for level in build.levels] == pytest.approx([FINE_M, COARSE_M])
+    assert [level.recipe.gsd_m for level in build.levels] == pytest.approx([FINE_M, COARSE_M])
     assert "left out: 60, 120 m: no DEM" in caplog.text
     assert "240 m, the posting of site.tif" in caplog.text
 
@@ -164,9 +163,9 @@ def test_a_build_of_two_levels_is_the_merge_of_two_builds(
 def test_one_level_is_a_build_of_its_cell(dems: tuple[Path, Path], singles: list[Path]) -> None:
     build = Build.plan(dems, with_cells(levels_m=(COARSE_M,)))
     same = Build.plan(dems, with_cells(gsd_m=COARSE_M))
-    assert build.levels == ()
+    assert len(build.levels) == 1
     assert [job.task for job in build.jobs] == [job.task for job in same.jobs]
-    run_build(same, output := singles[1].with_name("alone.h5"))
+    BuildRun(same, output := singles[1].with_name("alone.h5")).whole()
     one, two = open_catalog(singles[1]), open_catalog(output)
     for name in one.point_variables:
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
@@ -186,11 +185,11 @@ def test_an_interrupted_build_resumes_with_any_number_of_jobs(
 
     monkeypatch.setattr(run, "run_area", fails_midway)
     with pytest.raises(AreaFailedError, match="a bit fell over"):
-        run_build(plan, output)
+        BuildRun(plan, output).whole()
     assert set(begun) == {0, 1}
     monkeypatch.undo()
     steps: list[tuple[int, int]] = []
-    run_build(plan, output, jobs=2, resume=True, progress=lambda *step: steps.append(step))
+    BuildRun(plan, output, jobs=2, resume=True, progress=lambda *step: steps.append(step)).whole()
     assert steps[0] == (len(plan.jobs) // 2, len(plan.jobs))
     assert output.read_bytes() == built.read_bytes()
     assert list(tmp_path.iterdir()) == [output]
@@ -201,17 +200,17 @@ def test_parts_share_the_areas_of_all_levels(
 ) -> None:
     """Their merge is interrupted while it joins the levels, and run again."""
     output = tmp_path / "parts.h5"
-    run_part(plan, output, BuildPart(1, 2))
-    half, rest = list_parts(plan, output)
+    BuildRun(plan, output).part(BuildPart(1, 2))
+    half, rest = BuildRun(plan, output).list_parts()
     assert half.missing == ()
     assert len(rest.missing) == len(plan.jobs) // 2
-    run_part(plan, output, BuildPart(2, 2))
+    BuildRun(plan, output).part(BuildPart(2, 2))
     with monkeypatch.context() as patch:
         patch.setattr(run, "merge_catalogs", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            merge_parts(plan, output)
+            BuildRun(plan, output).merge()
     assert not output.exists()
-    merge_parts(plan, output)
+    BuildRun(plan, output).merge()
     assert output.read_bytes() == built.read_bytes()
     assert list(tmp_path.iterdir()) == [output]
 
@@ -253,7 +252,7 @@ def test_areas_without_such_a_dem_are_not_computed(dems: tuple[Path, Path]) -> N
 
 
 def _built(build: Build, output: Path) -> Path:
-    run_build(build, output)
+    BuildRun(build, output).whole()
     return output
 
 
@@ -327,6 +326,6 @@ def test_less_memory_divides_every_level(dems: tuple[Path, Path]) -> None:
     wide = Build.plan(dems, config := dataclasses.replace(CONFIG, model=model))
     tight = Build.plan(dems, config, memory_gb=0.388)
     for less, level in zip(tight.levels, wide.levels, strict=True):
-        assert less.config.model.area_nodes_max < level.config.model.area_nodes_max
+        assert less.recipe.config.model.area_nodes_max < level.recipe.config.model.area_nodes_max
         assert len(less.jobs) > len(level.jobs)
     assert tight.fingerprint() != wide.fingerprint()

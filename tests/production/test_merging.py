@@ -28,7 +28,7 @@ from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
 from lcp_catalog.production.merged_maps import MergedMaps, MergedPart
 from lcp_catalog.production.merging import merge_catalogs
-from lcp_catalog.production.run import build_catalog
+from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.validation.claim_trials import search_radius_m
 
@@ -445,7 +445,7 @@ def test_ids_of_the_same_ground(tmp_path: Path) -> None:
     for name, west, east, jobs in (("all", 2.3, 4.7, 1), ("w", 2.3, 3.5, 1), ("e", 3.5, 4.7, 2)):
         area = AreaConfig(bounds_deg=(west, 25.0, east, 27.0), gsd_m=474.0)
         config = replace(CONFIG, area=area, sun=suns, view=view)
-        build_catalog([DEM], config, tmp_path / f"{name}.h5", jobs=jobs)
+        BuildRun(Build.plan([DEM], config), tmp_path / f"{name}.h5", jobs=jobs).whole()
     merge_catalogs([tmp_path / "w.h5", tmp_path / "e.h5"], tmp_path / "m.h5")
     whole, *others = (read(tmp_path / f"{name}.h5") for name in ("all", "w", "e", "m"))
     for found in others:

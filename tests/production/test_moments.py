@@ -12,9 +12,9 @@ from lcp_catalog.catalog.sun_cells import SunCells
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.ephemeris.reachable import reachable_suns
 from lcp_catalog.landmarks.multicover import Cover
-from lcp_catalog.landmarks.selection import Nearby
+from lcp_catalog.landmarks.selection import Nearby, Places
 from lcp_catalog.production import moments
-from lcp_catalog.production.moments import moment_cover
+from lcp_catalog.production.moments import Near, moment_cover
 
 GRID = SunCells.of((0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 15.0), np.arange(0.0, 360.0, 30.0))
 CELLS = (GRID.shape[0] - 1) * GRID.shape[1]
@@ -56,14 +56,14 @@ class Made:
             np.sin(towards) * np.sin(away) * np.cos(start), np.cos(away) - np.sin(start) * sine
         )
         lon, lat = 20.0 + np.degrees(turn), np.degrees(np.arcsin(sine))
-        self.sites, self.places = (lon[12:], lat[12:]), (lon[:12], lat[:12])
+        self.sites, self.places = Places(lon[12:], lat[12:]), Places(lon[:12], lat[:12])
         self.usable: Mask = rng.random((count, CELLS)) < share
         self.radius_m = radius_m
 
     def cover(self) -> tuple[Cover, Mask]:
-        links = Nearby(self.places).around(self.sites, self.radius_m)
-        given = self.sites, self.usable, self.places, self.radius_m, links
-        return moment_cover(*given, GRID, np.arange(CELLS))
+        first, place = Nearby(self.places).around(self.sites, self.radius_m)
+        near = Near(self.sites, self.places, self.radius_m, first, place)
+        return moment_cover(near, self.usable, GRID, np.arange(CELLS))
 
     def least(self, suns: int = 20000) -> tuple[Index, Index, Index]:
         """Places, the cell of a random Sun there, and how many candidates near are usable under that Sun by their
@@ -123,7 +123,7 @@ def test_what_is_taken_together_is_less_and_still_true(monkeypatch: pytest.Monke
 def test_at_the_place_itself_all_that_is_usable_serves() -> None:
     """Footprints so small that angles are the same in all of them: nothing is lost."""
     made = Made(84.0, 80e3, 0.5)
-    made.sites = made.places[0] + 1e-4, made.places[1]
+    made.sites = Places(made.places[0] + 1e-4, made.places[1])
     made.usable = made.usable[:12]
     made.radius_m = 1e3
     cover, happens = made.cover()

@@ -20,7 +20,7 @@ from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import LEVEL_FACTORS
 from lcp_catalog.catalog.summary import describe
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.landmarks.selection import Status, nearest
+from lcp_catalog.landmarks.selection import Places, Status, nearest
 from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
@@ -29,7 +29,7 @@ from lcp_catalog.production.config import (
     ViewConfig,
 )
 from lcp_catalog.production.estimate import estimate
-from lcp_catalog.production.run import Build, build_catalog
+from lcp_catalog.production.run import Build, BuildRun
 
 NADIR = ViewConfig((0.0,), (0.0,), (float("inf"),))
 COARSE = BuildConfig(
@@ -63,14 +63,14 @@ def polar(moon: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("polar") / "cap.h5"
     cap = AreaConfig(bounds_deg=(-180.0, 66.0, 180.0, 90.0))
     low = SunConfig((90.0, 270.0), (10.0, 30.0))
-    build_catalog(moon, replace(COARSE, area=cap, sun=low), output)
+    BuildRun(Build.plan(moon, replace(COARSE, area=cap, sun=low)), output).whole()
     return output
 
 
 def test_a_default_build_at_a_pole_has_the_suns_that_come_there(moon: list[Path]) -> None:
     site = AreaConfig(center_deg=(0.0, -89.9), size_km=200.0)
     build = Build.plan(moon, replace(COARSE, area=site, sun=SunConfig()))
-    assert build.config.sun.elevations_deg[0] == 0.5
+    assert build.recipe.config.sun.elevations_deg[0] == 0.5
     document = estimate(build, 1)
     assert document["suns"] >= 48
     (suns,) = (d["reason"] for d in document["decisions"] if d["effect"] == "Suns")
@@ -95,7 +95,9 @@ def test_a_catalogue_of_a_polar_cap_has_a_polar_map_and_cells_all_around(
     cells = found.coverage
     assert cells.step_m == cells.spacing_m
     assert np.histogram(cells.longitude, 4, (0.0, 360.0))[0].min() > 0.2 * len(cells.longitude)
-    near = nearest(cells.longitude, cells.latitude, found.longitude, found.latitude)[1]
+    near = nearest(
+        Places(cells.longitude, cells.latitude), Places(found.longitude, found.latitude)
+    )[1]
     assert (cells.status[near <= cells.spacing_m] == Status.POINT).all()
     with xarray.open_dataset(polar, engine="h5netcdf", group="overview") as raster:
         assert raster.attrs["projection"] == "polar stereographic"

@@ -16,6 +16,7 @@ from helpers.twins import node_margins, node_margins_to
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 from lcp_catalog.production.config import (
+    AreaConfig,
     BuildConfig,
     ModelConfig,
     PointConfig,
@@ -23,7 +24,7 @@ from lcp_catalog.production.config import (
     ViewConfig,
 )
 from lcp_catalog.production.evaluation import Evaluation, evaluate
-from lcp_catalog.production.patch_light import PatchLight
+from lcp_catalog.production.patches import PatchLight
 from lcp_catalog.production.sweep import (
     Conditions,
     Sweep,
@@ -51,6 +52,7 @@ def config(altitudes_km, off_nadir=OFF_DEG, **model) -> BuildConfig:
     """Views 60 deg off nadir, towards the east, at several altitudes."""
     count = len(altitudes_km)
     return BuildConfig(
+        area=AreaConfig(gsd_m=CELL_M),
         sun=SunConfig((90.0, 270.0), (10.0, 40.0)),
         view=ViewConfig((off_nadir,) * count, (90.0,) * count, tuple(altitudes_km)),
         points=PointConfig(patch_nodes=2 * HALF + 1, search_m=SEARCH * CELL_M),
@@ -172,7 +174,7 @@ def test_what_only_terrain_outside_the_patch_hides_from_a_near_camera() -> None:
 def results(altitudes_km, **model) -> Evaluation:
     made = config(altitudes_km, **model)
     rows, cols = np.array([18, 22]), np.array([20, 23])
-    return evaluate(swept(hill(), made), rows, cols, made, CELL_M, ERRORS)
+    return evaluate(swept(hill(), made), rows, cols, made, ERRORS)
 
 
 def test_a_near_view_differs_and_a_high_one_does_not() -> None:
@@ -202,11 +204,11 @@ def test_the_decision_is_by_the_tolerance_of_directions() -> None:
         plan = swept(hill(), made).plan
         assert plan.perspective.modelled == modelled
         assert (plan.perspective.error_bound == 0.0) == modelled
-        assert view_angles_rad(made, CELL_M) == pytest.approx([math.radians(0.5) / share], rel=1e-3)
-        lowest = math.degrees(view_angles_rad(made, CELL_M)[0]) if modelled else 0.0
-        assert lowest_off_nadir_deg(made, CELL_M) == pytest.approx(lowest)
+        assert view_angles_rad(made) == pytest.approx([math.radians(0.5) / share], rel=1e-3)
+        lowest = math.degrees(view_angles_rad(made)[0]) if modelled else 0.0
+        assert lowest_off_nadir_deg(made) == pytest.approx(lowest)
     assert not swept(hill(), config([math.inf])).plan.perspective.modelled
-    assert lowest_off_nadir_deg(config([0.1]), CELL_M) == 89.0  # beside its camera a node looks up
+    assert lowest_off_nadir_deg(config([0.1])) == 89.0  # beside its camera a node looks up
 
 
 def test_a_camera_below_the_terrain_sees_nothing() -> None:
@@ -215,6 +217,6 @@ def test_a_camera_below_the_terrain_sees_nothing() -> None:
         3, nodes=49
     )  # rises to the camera
     at = np.array([20])
-    found = evaluate(swept(slope, made), at, at, made, CELL_M, ERRORS)
+    found = evaluate(swept(slope, made), at, at, made, ERRORS)
     assert (found.condition > 0).all()
     assert (found.detection == 0.0).all()

@@ -21,8 +21,7 @@ from lcp_catalog.production.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.production.parts import BuildPart, list_parts, merge_parts, run_part
-from lcp_catalog.production.run import Build, run_build
+from lcp_catalog.production.run import Build, BuildPart, BuildRun
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 
@@ -43,7 +42,7 @@ def plan() -> Build:
 @pytest.fixture(scope="module")
 def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("whole") / "whole.h5"
-    run_build(plan, output)
+    BuildRun(plan, output).whole()
     return output
 
 
@@ -68,15 +67,15 @@ def test_parts_at_the_same_time_give_the_bytes_of_one_build(
     def during(job: AreaJob) -> AreaResult:
         if not inner:
             inner.append(job)
-            for attempt in (run_build, merge_parts):
+            for attempt in (BuildRun(plan, output).whole, BuildRun(plan, output).merge):
                 with pytest.raises(OutputExistsError, match="another build of this output"):
-                    attempt(plan, output)
-            assert run_part(plan, output, BuildPart(2, 2)) == {}
+                    attempt()
+            assert BuildRun(plan, output).part(BuildPart(2, 2)) == {}
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", during)
-    assert run_part(plan, output, BuildPart(1, 2)) == {}
-    report = merge_parts(plan, output)
+    assert BuildRun(plan, output).part(BuildPart(1, 2)) == {}
+    report = BuildRun(plan, output).merge()
     assert report.areas == len(plan.jobs)
     assert output.read_bytes() == built.read_bytes()
     assert list(tmp_path.iterdir()) == [output]
@@ -84,22 +83,22 @@ def test_parts_at_the_same_time_give_the_bytes_of_one_build(
 
 def test_the_merge_names_what_is_missing(plan: Build, built: Path, tmp_path: Path) -> None:
     output, areas = tmp_path / "x.h5", len(plan.jobs)
-    (state,) = list_parts(plan, output)
+    (state,) = BuildRun(plan, output).list_parts()
     assert (str(state.part), state.areas, len(state.missing)) == ("1/1", areas, areas)
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(AreaFailedError, match="run the parts first"):
-        merge_parts(plan, output)
-    run_part(plan, output, BuildPart(1, 3))
+        BuildRun(plan, output).merge()
+    BuildRun(plan, output).part(BuildPart(1, 3))
     missing = [job.task.name for job in plan.jobs if job not in plan.jobs[::3]]
     for _ in range(2):  # a refused merge leaves all as it is
         with pytest.raises(AreaFailedError, match=f"{len(missing)} of {areas} areas are missing"):
-            merge_parts(plan, output)
-        states = list_parts(plan, output)
+            BuildRun(plan, output).merge()
+        states = BuildRun(plan, output).list_parts()
         assert [str(state.part) for state in states] == ["1/3", "2/3", "3/3"]
         assert sorted(name for state in states for name in state.missing) == missing
-    report = merge_parts(plan, output, keep_going=True)
+    report = BuildRun(plan, output, keep_going=True).merge()
     assert sorted(report.failed) == missing
-    run_build(plan, output, overwrite=True)
+    BuildRun(plan, output, overwrite=True).whole()
     assert output.read_bytes() == built.read_bytes()
 
 
@@ -107,27 +106,27 @@ def test_a_part_computes_only_what_is_missing(
     plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     output = tmp_path / "x.h5"
-    run_part(plan, output, BuildPart(1, 2))
+    BuildRun(plan, output).part(BuildPart(1, 2))
 
     def unwanted(job: AreaJob) -> AreaResult:
         raise AssertionError(f"{job.task.name} is computed again")
 
     monkeypatch.setattr(run, "run_area", unwanted)
-    assert run_part(plan, output, BuildPart(1, 2)) == {}
+    assert BuildRun(plan, output).part(BuildPart(1, 2)) == {}
     with pytest.raises(AreaFailedError, match="computed again"):
-        run_part(plan, output, BuildPart(2, 2))
+        BuildRun(plan, output).part(BuildPart(2, 2))
 
 
 def test_parts_of_another_build_are_refused(plan: Build, tmp_path: Path) -> None:
     output = tmp_path / "x.h5"
-    run_part(plan, output, BuildPart(1, 50))
+    BuildRun(plan, output).part(BuildPart(1, 50))
     points = dataclasses.replace(CONFIG.points, min_detection=0.5)
-    other = dataclasses.replace(plan, config=dataclasses.replace(CONFIG, points=points))
+    other = Build.plan((DEM,), dataclasses.replace(CONFIG, points=points))
     kept = sorted(output.with_name("x.h5.parts").iterdir())
     for attempt in (
-        lambda: run_part(other, output, BuildPart(1, 50)),
-        lambda: list_parts(other, output),
-        lambda: merge_parts(other, output),
+        lambda: BuildRun(other, output).part(BuildPart(1, 50)),
+        lambda: BuildRun(other, output).list_parts(),
+        lambda: BuildRun(other, output).merge(),
     ):
         with pytest.raises(OutputExistsError, match="another configuration"):
             attempt()
@@ -154,8 +153,8 @@ def test_a_killed_part_leaves_nothing_in_the_end(plan: Build, built: Path, tmp_p
     """A process that is killed while it writes leaves a file, which the finished build removes."""
     output = tmp_path / "x.h5"
     folder = tmp_path / "x.h5.parts"
-    run_part(plan, output, BuildPart(1, 1))
+    BuildRun(plan, output).part(BuildPart(1, 1))
     (folder / f".{plan.jobs[0].task.name}.area.0123456789ab.part").write_bytes(b"half")
-    merge_parts(plan, output)
+    BuildRun(plan, output).merge()
     assert list(tmp_path.iterdir()) == [output]
     assert output.read_bytes() == built.read_bytes()

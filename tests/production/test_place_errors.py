@@ -11,7 +11,13 @@ import pytest
 from helpers.random_scenes import make
 
 from lcp_catalog.landmarks.error_model import ErrorModel
-from lcp_catalog.production.config import BuildConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.production.config import (
+    AreaConfig,
+    BuildConfig,
+    PointConfig,
+    SunConfig,
+    ViewConfig,
+)
 from lcp_catalog.production.evaluation import evaluate
 from lcp_catalog.production.place_errors import STEP, PlaceErrors
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
@@ -21,6 +27,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 CELL_M = 20.0
 CONFIG = BuildConfig(
+    area=AreaConfig(gsd_m=CELL_M),
     sun=SunConfig((0.0, 90.0), (40.0,)),
     view=ViewConfig((0.0,), (0.0,), (math.inf,)),
     points=PointConfig(patch_nodes=17, search_m=12 * CELL_M),
@@ -71,10 +78,10 @@ def test_every_candidate_is_evaluated_with_its_own_model(sweep: Sweep) -> None:
     sigma = np.array([0.6, 3.0, 0.6, 3.0])
     places = PlaceErrors.of_heights(ERRORS, sigma, np.full(4, np.nan))
     assert len(places.models) == 2
-    mixed = evaluate(sweep, rows, cols, CONFIG, CELL_M, places)
+    mixed = evaluate(sweep, rows, cols, CONFIG, places)
     for number, model in enumerate(places.models):
         here = places.which == number
-        alone = evaluate(sweep, rows, cols, CONFIG, CELL_M, model)
+        alone = evaluate(sweep, rows, cols, CONFIG, model)
         for field in dataclasses.fields(mixed):
             one, other = getattr(mixed, field.name)[here], getattr(alone, field.name)[here]
             np.testing.assert_array_equal(one, other)

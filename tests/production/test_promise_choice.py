@@ -18,11 +18,10 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.production.area_job import run_area
-from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.config import AreaConfig, PointConfig, SunConfig, ViewConfig
 from lcp_catalog.production.finished_area import FinishedArea, finished_area
 from lcp_catalog.production.promise import PromiseChoice, PromisedPlaces
-from lcp_catalog.production.run import Build, finish
+from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
 
 PROMISED = dataclasses.replace(
@@ -43,9 +42,7 @@ def plan() -> Build:
 
 @pytest.fixture(scope="module")
 def areas(plan: Build) -> dict[str, FinishedArea]:
-    return {
-        job.task.name: finished_area(run_area(job), plan.config, plan.gsd_m) for job in plan.jobs
-    }
+    return {job.task.name: finished_area(run_area(job), plan.recipe.config) for job in plan.jobs}
 
 
 @pytest.fixture(scope="module")
@@ -53,11 +50,11 @@ def built(
     plan: Build, areas: dict[str, FinishedArea], tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     output = tmp_path_factory.mktemp("promise") / "promise.h5"
-    checkpoints = Checkpoints.beside(output, plan.fingerprint())
-    checkpoints.folder.mkdir()
+    run = BuildRun(plan, output)
+    run.checkpoints.folder.mkdir()
     for name, area in areas.items():
-        checkpoints.write(name, area)
-    finish(plan, output, checkpoints, {}, overwrite=False)
+        run.checkpoints.write(name, area)
+    run.finish({})
     return output
 
 
@@ -92,7 +89,7 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     """
     rng, told = np.random.default_rng(7), catalog.promise
     assert told is not None
-    lon, lat = (np.tile(part, 4) for part in plan.region.lattice(101))
+    lon, lat = (np.tile(part, 4) for part in plan.recipe.region.lattice(101))
     sun = suns_that_happen(rng, lat)
     row, column = (
         np.searchsorted(grid, np.nan_to_num(part), side="right") - 1
@@ -132,7 +129,7 @@ def chosen(
     plan: Build, areas: list[FinishedArea], most: int | None = None
 ) -> tuple[list[int], Any]:
     """Ids of the points chosen among areas in this order, and the promise."""
-    promise = PromiseChoice.of(plan.region, plan.config, plan.gsd_m)
+    promise = PromiseChoice.of(plan.recipe.region, plan.recipe.config)
     assert promise is not None
     for area in areas:
         promise.see(area.table, area.stages)
@@ -179,7 +176,7 @@ def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, Fin
         assert ids == []
         assert stage in np.unique(told.cause)
         assert set(np.unique(told.cause)) <= {stage, Cause.FEATURELESS, NO_CELL}
-    promise = PromiseChoice.of(plan.region, plan.config, plan.gsd_m)
+    promise = PromiseChoice.of(plan.recipe.region, plan.recipe.config)
     assert promise is not None
     none = areas[plan.jobs[0].task.name].table[:0]
     promise.see(none, np.zeros((0, 1 + promise.columns.max()), np.uint8))
@@ -194,15 +191,15 @@ def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
     """8 in the middle, half of it at an edge, a quarter in a corner; the step is added to the radius."""
     region = Area(10.0, 0.0, 100.0)
     places = PromisedPlaces.of(region, PointConfig(footprint_km=20.0), 100.0, 1)
-    x = (places.lon_deg - 10.0) * 30.3234
-    y = places.lat_deg * 30.3234
+    x = (places.at.lon_deg - 10.0) * 30.3234
+    y = places.at.lat_deg * 30.3234
     middle = np.hypot(x, y) < 30.0
     assert (places.demand[middle] == 8).all()
     corner, edge = np.hypot(abs(x) - 50.0, abs(y) - 50.0).argmin(), np.hypot(x - 50.0, y).argmin()
     assert 2 <= places.demand[corner] <= 3
     assert 4 <= places.demand[edge] <= 5
     nearest = [
-        arcs_m(a, b, places.lon_deg, places.lat_deg).min()
+        arcs_m(a, b, places.at.lon_deg, places.at.lat_deg).min()
         for a, b in zip(*region.lattice(40), strict=True)
     ]
     assert max(nearest) <= places.footprint_m / 2.0 - places.radius_m < 1.3 * max(nearest)

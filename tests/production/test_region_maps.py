@@ -7,7 +7,7 @@ import pytest
 
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import central_angle_deg
-from lcp_catalog.landmarks.selection import nearest
+from lcp_catalog.landmarks.selection import Places, nearest
 from lcp_catalog.production.region_maps import coverage_cells
 from lcp_catalog.terrain.area import Area
 
@@ -36,7 +36,9 @@ def test_cells_of_a_large_region_are_of_nearly_equal_area(
     assert len(lon) * step_m**2 == pytest.approx(area_m2, rel=0.06)
     rng = np.random.default_rng(3)
     sines = rng.uniform(np.sin(np.radians(south)), np.sin(np.radians(north)), 4000)
-    cell, away_m = nearest(rng.uniform(west, east, 4000), np.degrees(np.arcsin(sines)), lon, lat)
+    cell, away_m = nearest(
+        Places(rng.uniform(west, east, 4000), np.degrees(np.arcsin(sines))), Places(lon, lat)
+    )
     assert away_m.max() < 1.1 * step_m  # every place has a cell, those at the region's edge too
     share = np.bincount(cell, minlength=len(lon))
     assert share.std() < 1.5 * np.sqrt(share.mean())  # as for random places in equal cells

@@ -42,7 +42,7 @@ from lcp_catalog.production.config import (
     ViewConfig,
 )
 from lcp_catalog.production.estimate import _seconds, estimate
-from lcp_catalog.production.run import Build, build_catalog, run_build
+from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -110,7 +110,8 @@ def test_only_suns_that_can_happen_are_evaluated(catalog: Catalog) -> None:
 def test_an_area_that_no_sun_reaches_has_no_candidates(plan: Build) -> None:
     """One of many areas of a region near a pole; a region with no other areas is refused."""
     night = dataclasses.replace(CONFIG, sun=SunConfig((0.0, 1.0), (80.0, 81.0)))
-    assert len(run_area(dataclasses.replace(plan.jobs[0], config=night)).candidates) == 0
+    recipe = dataclasses.replace(plan.recipe, config=night)
+    assert len(run_area(dataclasses.replace(plan.jobs[0], recipe=recipe)).candidates) == 0
     with pytest.raises(SunError, match=r"at latitude 24\.6 deg its elevation is at most 67\.2 deg"):
         Build.plan((DEM,), night)
 
@@ -261,9 +262,9 @@ def test_the_range_of_cells_follows_from_the_image_scales(catalog: Catalog) -> N
 
 
 def test_the_error_model_is_stored(plan: Build, catalog: Catalog) -> None:
-    assert catalog.errors == plan.errors.to_dict() | {"min_detection": 0.9}
+    assert catalog.errors == plan.recipe.errors.to_dict() | {"min_detection": 0.9}
     stored = tomllib.loads(catalog.config)["errors"]
-    assert stored == plan.errors.to_dict()
+    assert stored == plan.recipe.errors.to_dict()
     assert set(stored) == {field.name for field in dataclasses.fields(ErrorModel)}
     known = height_errors(DemSet.open([DEM]), [3.5], [26.0])
     assert (stored["height_sigma_m"], stored["height_length_m"]) == pytest.approx(
@@ -275,7 +276,7 @@ def test_errors_of_the_configuration_decide(plan: Build) -> None:
     """Louder images and rougher errors are claimed with lower probabilities."""
     errors = ErrorConfig(sensor_noise=0.3, height_sigma_m=60.0, albedo_sigma=0.2)
     loud = Build.plan((DEM,), dataclasses.replace(CONFIG, errors=errors))
-    assert loud.errors.height_length_m == plan.errors.height_length_m
+    assert loud.recipe.errors.height_length_m == plan.recipe.errors.height_length_m
     assert loud.fingerprint() != plan.fingerprint()
     middle = len(plan.jobs) // 2
     ours, theirs = (run_area(p.jobs[middle]).candidates.evaluation for p in (plan, loud))
@@ -292,7 +293,7 @@ def test_the_stored_plan_is_the_merged_plan_of_the_areas(plan: Build, catalog: C
 
 
 def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: Path) -> None:
-    run_build(plan, tmp_path / "two.h5", jobs=2)
+    BuildRun(plan, tmp_path / "two.h5", jobs=2).whole()
     assert (tmp_path / "two.h5").read_bytes() == built.read_bytes()
 
 
@@ -312,7 +313,7 @@ def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> 
 def test_the_stored_configuration_builds_the_same_points(catalog: Catalog, tmp_path: Path) -> None:
     path = tmp_path / "again.toml"
     path.write_text(catalog.config)
-    build_catalog([str(DEM)], BuildConfig.from_toml(path), str(tmp_path / "again.h5"))
+    BuildRun(Build.plan([str(DEM)], BuildConfig.from_toml(path)), tmp_path / "again.h5").whole()
     np.testing.assert_array_equal(open_catalog(tmp_path / "again.h5").point_id, catalog.point_id)
 
 
@@ -322,9 +323,9 @@ def test_without_a_cell_size_it_is_half_of_what_the_dem_resolves(
     config = dataclasses.replace(CONFIG, area=AreaConfig(center_deg=(3.5, 26.0), size_km=40.0))
     with caplog.at_level("INFO"):
         build = Build.plan((DEM,), config)
-    assert build.gsd_m == 4.0 * build.dems.dems[0].gsd_m
+    assert build.recipe.gsd_m == 4.0 * build.recipe.dems.dems[0].gsd_m
     assert "cells of 473.8 m: 4 times the posting of hadley_gld100_256ppd.tif" in caplog.text
-    assert Build.plan((DEM,), CONFIG).cell.reason == "as configured"
+    assert Build.plan((DEM,), CONFIG).levels[0].cell.reason == "as configured"
 
 
 def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
@@ -348,11 +349,11 @@ def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
         view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
     )
     build = Build.plan((DEM,), config)
-    assert build.errors.height_sigma_m == pytest.approx(7.0)  # between the halves
-    assert build.errors.height_length_m == 400.0
+    assert build.recipe.errors.height_sigma_m == pytest.approx(7.0)  # between the halves
+    assert build.recipe.errors.height_length_m == 400.0
     assert set(build.files) == {DEM, here / "err.tif", here / "effres.tif"}
-    assert all(job.maps == build.maps for job in build.jobs)
-    run_build(build, tmp_path / "out.h5")
+    assert all(job.recipe == build.recipe for job in build.jobs)
+    BuildRun(build, tmp_path / "out.h5").whole()
     found = open_catalog(tmp_path / "out.h5")
     assert len(found) >= 3
     east = (found.longitude > 4.1) & (found.longitude < 4.9)
@@ -380,11 +381,11 @@ def test_the_time_is_estimated_from_a_large_and_a_small_area(plan: Build) -> Non
     places = plan.jobs.index(order[3]), plan.jobs.index(order[0])
     measured = [seconds(plan.jobs[place]) for place in places]
     total = sum(seconds(job) for job in plan.jobs)
-    alone, shared = (_seconds(plan, places, measured, workers) for workers in (1, 2))
+    alone, shared = (_seconds(plan.levels[0], places, measured, workers) for workers in (1, 2))
     assert alone == pytest.approx(total)
     assert shared == pytest.approx(total / 2.0)
     # a small area that took longer than the large one: no time is negative
-    assert _seconds(plan, places, [2.0, 3.0], 1) == pytest.approx(2.0 * len(plan.jobs))
+    assert _seconds(plan.levels[0], places, [2.0, 3.0], 1) == pytest.approx(2.0 * len(plan.jobs))
 
 
 def test_the_size_of_the_file_is_estimated(plan: Build, built: Path) -> None:

@@ -37,32 +37,32 @@ GENEROUS_GB, TIGHT_GB = 2.0, 0.45
 def test_areas_follow_the_promise(latitude: float) -> None:
     region, sizes = Area(3.5, latitude, 50.0), []
     for memory_gb in (GENEROUS_GB, 0.6, TIGHT_GB):
-        config, _, tasks = divided(region, 59.0, FINE, memory_gb)
-        assert worker_mb(tasks, 59.0, config, memory_gb) <= memory_gb * 1e3
+        config, _, tasks = divided(region, FINE, memory_gb)
+        assert worker_mb(tasks, config, memory_gb) <= memory_gb * 1e3
         assert (config.model.area_nodes_max, tasks) == (
             config.model.area_nodes_max,
-            divided(region, 59.0, config, None)[2],
+            divided(region, config, None)[2],
         )  # the size alone determines the areas
         sizes.append(config.model.area_nodes_max)
     assert sizes[0] > sizes[1] > sizes[2] >= 16
 
 
 def test_areas_that_are_small_enough_stay() -> None:
-    assert divided(REGION, 59.0, FINE, GENEROUS_GB) == divided(REGION, 59.0, FINE, None)
+    assert divided(REGION, FINE, GENEROUS_GB) == divided(REGION, FINE, None)
 
 
 def test_too_little_memory_is_refused_with_what_it_takes() -> None:
     with pytest.raises(ConfigError, match="is too small") as refusal:
-        divided(REGION, 59.0, FINE, 0.3)
+        divided(REGION, FINE, 0.3)
     found = re.search(r"needs ([\d.]+) GB", str(refusal.value))
     assert found
-    config, _, _ = divided(REGION, 59.0, FINE, float(found[1]))
+    config, _, _ = divided(REGION, FINE, float(found[1]))
     assert 16 <= config.model.area_nodes_max < 200
 
 
 def test_many_conditions_and_close_candidates_take_smaller_areas() -> None:
     def nodes(config: BuildConfig) -> int:
-        return divided(REGION, 59.0, config, 0.5)[0].model.area_nodes_max
+        return divided(REGION, config, 0.5)[0].model.area_nodes_max
 
     close = replace(FINE, points=replace(FINE.points, spacing_m=8 * 59.0))
     suns = replace(FINE, sun=SunConfig(tuple(float(k) for k in range(0, 360, 2)), (10.0, 30.0)))
@@ -74,13 +74,16 @@ def test_a_worker_keeps_its_promise() -> None:
     """Without the promise, an area of 1024 nodes takes 553 MB."""
     build = Build.plan((DEM,), FINE, TIGHT_GB)
     assert build.fingerprint() != Build.plan((DEM,), FINE).fingerprint()
-    assert f"area_nodes_max = {build.config.model.area_nodes_max}\n" in build.config.to_toml()
+    assert (
+        f"area_nodes_max = {build.recipe.config.model.area_nodes_max}\n"
+        in build.recipe.config.to_toml()
+    )
     job = max(build.jobs, key=lambda job: job.work)
     with processes(1) as pool:
         found = pool.submit(area_peak, job).result()
     assert found.peak_mb < TIGHT_GB * 1e3
     assert found.tiles < 20e6
-    stated = area_mb(job.task.window, job.task.lat_deg, build.gsd_m, build.config)
+    stated = area_mb(job.task.window, job.task.lat_deg, build.recipe.config)
     assert stated - 2.0 * MARGIN_MB < found.counted_mb < stated
 
 

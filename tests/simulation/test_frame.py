@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.catalogs import ALBEDO_MAP
+from helpers.one_patch import sample_patch
 from helpers.products import DEGREE_M, cylinder, geotiff
 from helpers.twins_match import catalog_of_patches
 from hypothesis import given
@@ -42,7 +43,6 @@ from lcp_catalog.simulation.frame import (
     windowed,
 )
 from lcp_catalog.simulation.patch_surface import PatchSurface, is_catalog
-from lcp_catalog.terrain.terrain import sample_patch
 
 PLACE = EnuFrame(200.4, -30.6)
 CELL_M = 474.0

@@ -48,7 +48,7 @@ from lcp_catalog.terrain.surroundings import (
     ring_for_rays_m,
     surroundings,
 )
-from lcp_catalog.terrain.terrain import build_terrain
+from lcp_catalog.terrain.terrain import Ground
 
 RIDGE_DEG, RIDGE_M, RIDGE_WIDTH_DEG = 5.3, 9000.0, 0.8
 
@@ -85,10 +85,10 @@ def range_dem(tmp_path_factory) -> Path:
 def test_a_range_160_km_away_has_its_elevation_on_the_sphere(range_dem, east_km) -> None:
     """On the tangent plane it would be 7.4 km higher: 2.6 degrees."""
     window = NodeWindow(-20, 21, -20, 21)
-    place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
-    around = surroundings(*place, SunRays.all_around(math.tan(math.radians(0.5))))
+    ground = Ground(DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
+    around = surroundings(ground, SunRays.all_around(math.tan(math.radians(0.5))))
     assert around.needed_m > 100e3
-    terrain = build_surrounded(*place, around)
+    terrain = build_surrounded(ground, around)
     row, col = terrain.core[0] + 20, terrain.core[2] + 20 + round(east_km * 10)
     nodes = Nodes(terrain.field, np.array([row]), np.array([col]), terrain.far)
     slope = nodes.horizons(np.array([[1.0, 0.0, -1e9, 1e9]]))[0, 0]
@@ -156,9 +156,11 @@ def test_sight_is_not_longer_than_it_must_be(elevation_deg, turn_rad) -> None:
 
 def test_the_plan_models_shadows_of_far_terrain(range_dem) -> None:
     """The Sun is above all slopes of the plain itself; terrain on far cells may still shadow it."""
-    place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0)
+    ground = Ground(
+        DemSet.open([range_dem]), EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0
+    )
     terrain = build_surrounded(
-        *place, surroundings(*place, SunRays.all_around(math.tan(math.radians(0.5))))
+        ground, surroundings(ground, SunRays.all_around(math.tan(math.radians(0.5))))
     )
     for far, modelled in ((terrain.far, True), (None, False)):
         plan = plan_scene(replace(terrain, far=far), direction_enu(90.0, 5.0), nadir_view())
@@ -167,9 +169,9 @@ def test_the_plan_models_shadows_of_far_terrain(range_dem) -> None:
 
 def test_cells_grow_with_distance_and_levels_leave_no_gap(range_dem) -> None:
     window = NodeWindow(-30, 31, -10, 11)
-    place = (DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
+    ground = Ground(DemSet.open([range_dem]), EnuFrame(0.0, 0.0), window, 100.0)
     terrain = build_surrounded(
-        *place, surroundings(*place, SunRays.all_around(math.tan(math.radians(0.2))))
+        ground, surroundings(ground, SunRays.all_around(math.tan(math.radians(0.2))))
     )
     assert terrain.far is not None
     own = module.Extent.of(window, 100.0)
@@ -195,22 +197,24 @@ def test_cells_grow_with_distance_and_levels_leave_no_gap(range_dem) -> None:
 
 def test_nothing_far_is_kept_that_cannot_matter(range_dem) -> None:
     window = NodeWindow(-20, 21, -20, 21)
-    place = (DemSet.open([range_dem]), EnuFrame(-3.0, 0.0), window, 100.0)
-    high = surroundings(*place, SunRays.all_around(math.tan(math.radians(40.0))))
+    ground = Ground(DemSet.open([range_dem]), EnuFrame(-3.0, 0.0), window, 100.0)
+    high = surroundings(ground, SunRays.all_around(math.tan(math.radians(40.0))))
     assert high.far is None
     assert high.ring_m < NEAR_NODES * 100.0
-    straight = surroundings(*place, SunRays.all_around(math.inf))
+    straight = surroundings(ground, SunRays.all_around(math.inf))
     assert straight.far is None
-    assert surroundings(*place, SunRays.all_around(math.tan(0.02)), limit_m=5e3).far is None
-    assert surroundings(*place, SunRays.all_around(math.inf), least_ring_m=700.0).ring_m == 700.0
-    assert ring_for_rays_m(*place, math.inf, 1e5) == 0.0
-    assert ring_for_rays_m(*place, math.tan(0.02), 3e3) <= 3e3
+    assert surroundings(ground, SunRays.all_around(math.tan(0.02)), limit_m=5e3).far is None
+    assert surroundings(ground, SunRays.all_around(math.inf), least_ring_m=700.0).ring_m == 700.0
+    assert ring_for_rays_m(ground, math.inf, 1e5) == 0.0
+    assert ring_for_rays_m(ground, math.tan(0.02), 3e3) <= 3e3
 
 
 def test_missing_ground_is_told(range_dem) -> None:
     """The DEM ends 6 degrees west; from 3 degrees east of that edge, 91 km are known."""
-    place = (DemSet.open([range_dem]), EnuFrame(-3.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0)
-    far = surroundings(*place, SunRays.all_around(math.tan(math.radians(0.2)))).far
+    ground = Ground(
+        DemSet.open([range_dem]), EnuFrame(-3.0, 0.0), NodeWindow(-20, 21, -20, 21), 100.0
+    )
+    far = surroundings(ground, SunRays.all_around(math.tan(math.radians(0.2)))).far
     assert far is not None
     assert 0.05 < far.missing < 0.9
     assert far.gap_m == pytest.approx(3.0 * DEGREE_M - 2000.0, rel=0.03)
@@ -224,10 +228,10 @@ def test_the_horizons_error(tmp_path, monkeypatch, share) -> None:
     monkeypatch.setattr(module, "NEAR_NODES", share)
     z = cratered(700, gsd_m=500.0, seed=8)
     dem = DemSet.open([geotiff(tmp_path / "c.tif", z, -175e3, 175e3, 500.0)])
-    place = (dem, EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 500.0)
-    around = surroundings(*place, SunRays.all_around(0.0), limit_m=150e3)
-    terrain = build_surrounded(*place, around)
-    whole = build_terrain(*place, ring_m=150e3)
+    ground = Ground(dem, EnuFrame(0.0, 0.0), NodeWindow(-20, 21, -20, 21), 500.0)
+    around = surroundings(ground, SunRays.all_around(0.0), limit_m=150e3)
+    terrain = build_surrounded(ground, around)
+    whole = ground.terrain(150e3)
     errors = []
     for azimuth in np.arange(24) * math.pi / 12 + 0.01:
         du, dv, _, _ = scaled(math.sin(azimuth), -math.cos(azimuth), 0.0)
@@ -267,7 +271,7 @@ def test_a_build_sees_it(range_dem) -> None:
     assert (behind == 0.0).all()
     assert (above > 0.0).all()
     middle = np.array([sweep.normals.shape[0] // 2])
-    found = evaluate(sweep, middle, middle, config, 100.0, ErrorModel())
+    found = evaluate(sweep, middle, middle, config, ErrorModel())
     assert found.shadow_dependence[0, 0, :, 0].tolist() == [1.0, 0.0]
 
 

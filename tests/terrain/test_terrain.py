@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.one_patch import sample_patch
 from helpers.products import cylinder, geotiff, hills, ldem_80s
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +22,6 @@ from lcp_catalog.terrain.area import Area, NodeWindow
 from lcp_catalog.terrain.terrain import (
     Terrain,
     build_terrain,
-    sample_patch,
     sample_patches,
     terrain_from_area,
 )

@@ -98,7 +98,7 @@ def test_seconds_are_medians_and_tiers_take_turns(
     empty = Candidates(*candidates([], []))
 
     def stand_in(job: Any) -> Any:
-        tier = job.config.model.accuracy
+        tier = job.recipe.config.model.accuracy
         calls.append((job.task.name, tier))
         seen = calls.count(calls[-1])
         warm = 1000.0 if len(calls) <= len(TIERS) else 0.0
@@ -133,12 +133,13 @@ def test_areas_are_spread(build: Build) -> None:
 def test_the_middle_comes_first_then_what_is_far_away_and_slivers_last() -> None:
     """Five areas on the equator around 2.1 E; the middle one is cut to a tenth."""
     tasks = [
-        SimpleNamespace(lon_deg=lon, lat_deg=0.0, window=SimpleNamespace(shape=(rows, 10)))
+        (SimpleNamespace(lon_deg=lon, lat_deg=0.0), 10 * rows)
         for lon, rows in ((0.0, 10), (1.0, 10), (2.0, 1), (3.0, 10), (4.5, 10))
     ]
     region = SimpleNamespace(lon_deg=2.1, lat_deg=0.0)
-    jobs = [SimpleNamespace(task=task) for task in tasks]
-    assert spread(SimpleNamespace(jobs=jobs, region=region), 9) == [3, 0, 4, 1, 2]
+    jobs = [SimpleNamespace(task=task, nodes=nodes) for task, nodes in tasks]
+    recipe = SimpleNamespace(region=region)
+    assert spread(SimpleNamespace(jobs=jobs, recipe=recipe), 9) == [3, 0, 4, 1, 2]
 
 
 def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:

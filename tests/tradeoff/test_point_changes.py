@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 import pytest
-from helpers.trades import CONFIG, GSD_M, candidates
+from helpers.trades import CONFIG, candidates
 
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.landmarks.selection import stable_id
@@ -38,7 +38,7 @@ def test_lost_gained_and_moved_points_by_hand() -> None:
     after.evaluation.detection[0] = 0.9
     before.evaluation.detection[3] = math.nan
     points = PointConfig(spacing_m=16_000.0)
-    found = compare_points(before, after, dataclasses.replace(CONFIG, points=points), GSD_M)
+    found = compare_points(before, after, dataclasses.replace(CONFIG, points=points))
     assert (found.points, found.points_lost, found.points_gained, found.points_moved) == (3, 2, 2, 1)  # fmt: skip
     # A, B and E are in both: 2 + 2 + 1 conditions evaluated in both, of which one each of A and B changed
     assert found.conditions_changed_share == pytest.approx(2 / 5)
@@ -53,7 +53,7 @@ def test_equal_sets_in_another_order_differ_in_nothing() -> None:
     states = [[USABLE, EVALUATED], [USABLE, USABLE], [EVALUATED, USABLE]]
     one = Candidates(*candidates(places, states))
     other = Candidates(*candidates(places[::-1], states[::-1]))
-    found = compare_points(one, other, CONFIG, GSD_M)
+    found = compare_points(one, other, CONFIG)
     assert (found.points, found.points_lost, found.points_gained) == (3, 0, 0)
     assert found.conditions_changed_share == 0.0
     assert len(set(stable_id(one.lon_deg, one.lat_deg).tolist())) == 3
@@ -62,7 +62,7 @@ def test_equal_sets_in_another_order_differ_in_nothing() -> None:
 def test_nothing_in_common_has_no_shares() -> None:
     one = Candidates(*candidates([(0.0, 0.0)], [[USABLE, USABLE]]))
     none = Candidates(*candidates([], []))
-    found = compare_points(one, none, CONFIG, GSD_M)
+    found = compare_points(one, none, CONFIG)
     assert (found.points, found.points_lost, found.points_gained) == (0, 1, 0)
     assert found.conditions_changed_share is None
     assert found.detection_changed_share is None

@@ -18,7 +18,7 @@ from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production.config import BuildConfig
-from lcp_catalog.production.run import build_catalog
+from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.area import Area
@@ -38,7 +38,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory: pytest.TempPathFactory) -> Catalog:
     path = tmp_path_factory.mktemp("sample") / "c.h5"
-    build_catalog([DEM], BuildConfig.from_toml(SAMPLE / "hadley.toml"), path, jobs=2)
+    BuildRun(Build.plan([DEM], BuildConfig.from_toml(SAMPLE / "hadley.toml")), path, jobs=2).whole()
     return open_catalog(path)
 
 

@@ -1,0 +1,147 @@
+"""The recipe of a build: what is the same for all its areas of one cell size, and how it is chosen."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..dem.error_maps import ErrorMaps
+from ..dem.height_errors import height_errors, warn_of_unknown
+from ..dem.mosaic import DemSet
+from ..errors import AreaError
+from ..landmarks.error_model import ErrorModel
+from ..photometry.albedo_map import AlbedoMap
+from ..photometry.facet_file import law_file
+from ..photometry.law_choice import LawChoice
+from ..terrain.area import Area
+from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
+from .config import BuildConfig, ModelConfig
+from .input_files import InputFiles
+from .sweep import law_of_build
+
+log = logging.getLogger(__name__)
+
+_ERROR_PLACES = 33
+"""Side of the lattice of places at which a region's height errors are sampled."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that determines the content of the areas of one cell size. ``config`` states this and the Suns;
+    ``law``: the reflectance model of all images; ``errors``: their error model, with the height errors
+    of the region. Small and picklable: maps and DEMs are read where they are used.
+    """
+
+    config: BuildConfig
+    dems: DemSet
+    region: Area
+    law: LawChoice
+    errors: ErrorModel
+    albedo: AlbedoMap | None = None
+    maps: ErrorMaps | None = None
+
+    @classmethod
+    def of(cls, config: BuildConfig, dems: DemSet, region: Area, inputs: InputFiles) -> Recipe:
+        """The recipe of a configuration with a cell size; the files that it opens are added to the
+        ``inputs``.
+        """
+        law = law_file(config.model.reflectance)
+        choice = law_of_build(config, region.lat_deg)
+        inputs.add([law] if law else ())
+        albedo = _albedo_map(config.model)
+        if albedo:
+            inputs.add(albedo.files)
+            albedo.check_cover(albedo.cover_of(region, config.gsd_m), region.bounds)
+        maps = ErrorMaps.open(config.dem.sigma_map, config.dem.resolution_map)
+        inputs.add(maps.files if maps else ())
+        return cls(
+            config, dems, region, choice, _error_model(config, dems, region, maps), albedo, maps
+        )
+
+    def at_cell(self, gsd_m: float) -> Recipe:
+        """The same with another cell size."""
+        return replace(self, config=self.config.at_cell(gsd_m))
+
+    @property
+    def gsd_m(self) -> float:
+        """Cell size of the patches, metres."""
+        return self.config.gsd_m
+
+    @cached_property
+    def sources(self) -> tuple[int, ...]:
+        """Indices of the DEMs that points come from: all, or those that resolve the cells."""
+        every = range(len(self.dems.dems))
+        if not self.config.dem.only_resolving:
+            return tuple(every)
+        return tuple(i for i in every if resolves(self.dems.dems[i], self.gsd_m))
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that areas read."""
+        maps = (self.albedo, self.maps)
+        return (*self.dems.files, *(path for one in maps if one for path in one.files))
+
+
+def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
+    """The cells of the levels, from fine to coarse; without levels the configured cell or the finest
+    useful one.
+
+    Cells that no DEM of the region resolves are left out with a warning if they were derived from
+    altitudes; AreaError for a given one, and if none is left.
+    """
+    area = config.area
+    if area.gsd_m:
+        return [Cell(area.gsd_m, "as configured")]
+    wanted = area.derived_levels_m if area.altitudes_km else area.levels_m
+    if not wanted:
+        cell = useful_cell(dems, region)
+        log.info("cells of %.5g m: %s; `area.gsd_m` overrules it", cell.gsd_m, cell.reason)
+        return [cell]
+    near = [dem for dem in dems.dems if dem.grid.bounds.meets(region.bounds)]
+    if not near:
+        raise AreaError(f"no DEM covers the region ({region.bounds})")
+    found = [cell_m for cell_m in wanted if any(resolves(dem, cell_m) for dem in near)]
+    lost = [cell_m for cell_m in wanted if cell_m not in found]
+    if lost:
+        finest = min((finest_cell(dem) for dem in near), key=lambda c: c.gsd_m)
+        text = f"{_listed(lost)}: no DEM of the region resolves such cells; the finest are {finest.gsd_m:.5g} m, {finest.reason}"
+        if area.levels_m or not found:
+            raise AreaError(f"levels of {text}")
+        log.warning("levels left out: %s", text)
+    reason = "by altitude and pixel" if area.altitudes_km else "as configured"
+    return [Cell(cell_m, reason) for cell_m in found]
+
+
+def _listed(cells_m: Sequence[float]) -> str:
+    return ", ".join(f"{cell:.5g}" for cell in cells_m) + " m"
+
+
+def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
+    """The albedo map of a configuration; None without one."""
+    if model.albedo is None:
+        return None
+    return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
+
+
+def _error_model(
+    config: BuildConfig, dems: DemSet, region: Area, maps: ErrorMaps | None
+) -> ErrorModel:
+    """The error model of a build: its configuration, completed by the height errors of the DEMs and
+    the maps, as medians over the region (`dem.height_errors`). DemError for a map without a value in
+    the region.
+    """
+    lon, lat = region.lattice(_ERROR_PLACES)
+    if maps is not None:
+        maps.check_cover(lon, lat, region.bounds)
+    if config.errors.height_sigma_m is None and config.dem.sigma_map is None:
+        warn_of_unknown(dems, lon, lat)
+    sigma, length = height_errors(dems, lon, lat, maps)
+    known = np.isfinite(sigma)
+    if not known.any():
+        raise AreaError(f"no DEM covers the region ({region.bounds})")
+    return config.errors.model(float(np.median(sigma[known])), float(np.median(length[known])))
