@@ -23,6 +23,7 @@ from benchmarks.commands import lcp
 from benchmarks.markdown import table
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.landmarks.selection import Places
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.assembly import choose
@@ -99,7 +100,7 @@ def _mapped(files: list[Path], bounds: tuple[float, float, float, float]) -> lis
         np.degrees(np.arcsin(rng.uniform(south, north, POINTS))),
     )
     condition = rng.choice(np.array([0, 1, 31], np.uint8), (POINTS, 1, 5, 8))
-    places, stages = (lon, lat), np.full(POINTS, 3)
+    places, stages = Places(lon, lat), np.full(POINTS, 3)
     start_coverage = time.process_time()
     cells = region_coverage(
         dems, region, places, stages, places, condition, 3800.0, range(len(dems.dems))
