@@ -24,9 +24,9 @@ from .value_types import Number
 if TYPE_CHECKING:
     from lcp_catalog.catalog.catalogue import Catalog
     from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.navigation.documents import TrajectoryChart
     from lcp_catalog.navigation.expected_position import Answer, Query
     from lcp_catalog.navigation.frame_points import PlannedImage
-    from lcp_catalog.navigation.trajectory_chart import TrajectoryChart
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
@@ -82,7 +82,7 @@ def query_choice(
     most: int | None = None,
 ) -> Query:
     """What is asked, and what is known before."""
-    from lcp_catalog.matching.point_claims import LEAST_SIGMA_PX
+    from lcp_catalog.matching.point_choice import LEAST_SIGMA_PX
     from lcp_catalog.navigation.expected_position import Query
 
     attitude = math.inf if attitude_sigma_deg is None else math.radians(attitude_sigma_deg)
@@ -237,7 +237,7 @@ def _along(asked: Asked, plot: str | None, title: str) -> None:
     """The answers for the frames of a trajectory, written as they come."""
     from lcp_catalog.atomic_files import write_aside, write_bytes
     from lcp_catalog.navigation import documents
-    from lcp_catalog.navigation.trajectory_chart import TrajectoryChart
+    from lcp_catalog.navigation.documents import TrajectoryChart
 
     chart = TrajectoryChart()
     found = _told(asked, chart)

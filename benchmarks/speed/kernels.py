@@ -29,8 +29,7 @@ from lcp_catalog.light.solar_disc import sunlit_share
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.point_choice import points_in_view
-from lcp_catalog.matching.point_search import find_points
-from lcp_catalog.matching.search_image import SearchImage
+from lcp_catalog.matching.point_search import SearchImage, find_points
 from lcp_catalog.matching.templates import render_patches
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model

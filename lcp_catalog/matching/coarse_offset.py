@@ -21,7 +21,7 @@ from ..landmarks.patches import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import SHARE_IF_HERE
 from .point_choice import likeliest
-from .search_image import SearchImage
+from .point_search import SearchImage
 from .templates import render_patches
 
 _GRID_PX = 64

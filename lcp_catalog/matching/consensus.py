@@ -140,13 +140,12 @@ def agreeing(
     found_px: Array,
     covariance_px2: Array,
     tolerance_px: ArrayLike,
-    gate: float = GATE,
 ) -> Mask:
     """True (n,) for the matches that lie within their gates of where a sensor projects their
     points; False for NaN.
     """
     covariance = widened(covariance_px2, tolerance_px)
-    return _squared(residuals_px(sensor, points_mcmf_m, found_px), covariance) <= gate**2
+    return _squared(residuals_px(sensor, points_mcmf_m, found_px), covariance) <= GATE**2
 
 
 def widened(covariance_px2: Array, tolerance_px: ArrayLike) -> Array:

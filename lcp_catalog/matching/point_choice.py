@@ -1,10 +1,14 @@
 """Choice of a catalogue's points for a Sun and a camera, and the scale at which an image is
 searched for them.
+
+Claims of a catalogue about its points in one image: the probability of a match before the search,
+and the least covariance of a match.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +16,82 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.public import SensorOrPath, any_sensor
-from ..cameras.sensor import Sensor, pixel_size_m
+from ..cameras.sensor import Sensor, altitude_km, ground_slopes, pixel_size_m
 from ..cameras.view import border_and_inside
 from ..catalog.catalogue import Catalog
+from ..catalog.prediction import Prediction, predict
 from ..catalog.public import CatalogOrPath, opened_catalog
 from ..catalog.schema import DETECTION_STEP
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..images.image import Image
-from .point_claims import claimed
+
+NO_CLAIM = 0.5
+"""Probability of a match before the search where the catalogue claims nothing."""
+
+LEAST_SIGMA_PX = 0.02
+"""1 sigma, each axis, of what a match errs beyond its covariance."""
+
+
+@dataclass(frozen=True, eq=False)
+class PointClaims:
+    """Claims about n points. ``probability`` (n,): that a search finds the point; ``covariance_px2``
+    (n, 2, 2): of the match, pixels of the searched image; ``usable`` (n,): the catalogue calls it
+    usable. NaN, False: no claim.
+    """
+
+    probability: Array
+    covariance_px2: Array
+    usable: Mask
+
+    @classmethod
+    def of(
+        cls, catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike
+    ) -> PointClaims:
+        """Claims about rows (n,) of a catalogue in an image of ``sensor`` under Suns (n, 3)."""
+        stated = claimed(catalog, rows, sensor, sun_directions)
+        probability = np.asarray(stated.detection_probability, np.float64)
+        slope = ground_slopes(
+            sensor, catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
+        )
+        covariance = slope @ stated.covariance_m2 @ np.swapaxes(slope, -1, -2)
+        return cls(probability, covariance, stated.usable)
+
+    def some(self, part: slice) -> PointClaims:
+        """The claims about some of the points."""
+        return PointClaims(self.probability[part], self.covariance_px2[part], self.usable[part])
+
+
+def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike) -> Prediction:
+    """Prediction for points (rows (n,) of a catalogue) in an image of ``sensor``, whose pixels are those
+    of the searched image; ``sun_directions`` (n, 3): unit MCMF vectors.
+    """
+    places, rotation = catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
+    sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, np.float64))
+    view = np.einsum("nij,nj->ni", rotation, sensor.towards(places))
+    pixel = pixel_size_m(sensor, places) if len(rows) else np.zeros(0)
+    return predict(catalog, rows, sun, view, pixel, altitude_km(sensor, places))
+
+
+def at_least(covariance: Array, least: Array) -> Array:
+    """Covariances (n, 2, 2), raised so that none is smaller in any direction than ``least``
+    (n, 2, 2): with least = L L^T, the eigenvalues of L^-1 C L^-T below 1 become 1. Unchanged where
+    one of the two is not finite, or ``least`` is singular.
+    """
+    raised = np.array(covariance, dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        area = least[:, 0, 0] * least[:, 1, 1] - least[:, 0, 1] ** 2
+        known = np.isfinite(raised).all((1, 2)) & np.isfinite(least).all((1, 2))
+        known &= (least[:, 0, 0] > 0.0) & (area > 1e-12 * least[:, 0, 0] * least[:, 1, 1])
+    if known.any():
+        root = np.linalg.cholesky(least[known])
+        inverse = np.linalg.inv(root)
+        inner = inverse @ raised[known] @ np.swapaxes(inverse, -1, -2)
+        values, axes = np.linalg.eigh(inner)
+        outer = root @ axes
+        raised[known] = (outer * np.maximum(values, 1.0)[:, None]) @ np.swapaxes(outer, -1, -2)
+    return raised
+
 
 RESOLUTION_SHARE = 0.5
 """Pixel size of the searched image as a share of the DEM's true resolution."""
@@ -200,23 +271,19 @@ def directions_to_sun(
     return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
 
-def working_image(
-    catalog: Catalog, image: Image, points: ArrayLike, resolution_share: float = RESOLUTION_SHARE
-) -> Image:
+def working_image(catalog: Catalog, image: Image, points: ArrayLike) -> Image:
     """The image, reduced by a whole number to the scale at which it is searched.
 
-    Its pixel at the points becomes the nearest size below ``resolution_share`` of the true resolution
+    Its pixel at the points becomes the nearest size below `RESOLUTION_SHARE` of the true resolution
     of their DEM (the DEM's cell where that is coarser, or where the true resolution is unknown);
     templates become at most 48 pixels wide, and a coarse resolution leaves them at least 16. Of
     several levels (`at_one_scale`) the coarsest counts.
     """
     rows = np.asarray(points, dtype=np.int64)
-    return image.reduced(reduction(catalog, image, rows, resolution_share)) if len(rows) else image
+    return image.reduced(reduction(catalog, image, rows)) if len(rows) else image
 
 
-def reduction(
-    catalog: Catalog, image: Image, rows: Index, resolution_share: float = RESOLUTION_SHARE
-) -> int:
+def reduction(catalog: Catalog, image: Image, rows: Index) -> int:
     """The whole number of `working_image`, for at least one point."""
     level = np.asarray(catalog.level)[rows]
     rows = rows[level == level.max()]
@@ -226,7 +293,7 @@ def reduction(
     known = np.isfinite(resolution)
     true = float(np.median(resolution[known])) if known.any() else gsd
     narrow = gsd * catalog.patch_nodes / _NARROWEST_PX
-    target = max(gsd, min(resolution_share * true, narrow))
+    target = max(gsd, min(RESOLUTION_SHARE * true, narrow))
     wide = gsd * catalog.patch_nodes / _WIDEST_PX
     return max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
 

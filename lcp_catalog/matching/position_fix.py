@@ -37,6 +37,7 @@ from .consensus import (
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches, joined
 from .point_choice import (
+    NO_CLAIM,
     at_one_scale,
     likeliest,
     patch_width_px,
@@ -44,11 +45,9 @@ from .point_choice import (
     reduction,
     working_image,
 )
-from .point_claims import NO_CLAIM
-from .point_search import Criteria, find_points
+from .point_search import Criteria, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
-from .search_image import nothing_in
 from .sun_check import SunCheck, check_points
 
 LOCATED = "located"

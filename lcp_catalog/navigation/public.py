@@ -11,7 +11,7 @@ from ..catalog.public import CatalogOrPath, opened_catalog
 from ..ephemeris.times import Times, instants
 from ..geometry.frames import EnuFrame
 from ..light.sun_choice import SunChoice
-from ..matching.point_claims import LEAST_SIGMA_PX
+from ..matching.point_choice import LEAST_SIGMA_PX
 from .expected_position import Answer, Query, answers
 from .frame_points import PlannedImage
 from .site_windows import Progress, Site, SiteWindows, camera_windows, site_windows

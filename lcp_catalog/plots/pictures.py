@@ -62,7 +62,7 @@ DARK, LIGHT = 8, 247
 """Grey values of the 1st and the 99th percentile."""
 
 
-def shrunk(values: ArrayLike, pixels_max: int = PIXELS_MAX, side_max: int = SIDE_MAX) -> Array:
+def shrunk(values: ArrayLike, pixels_max: int = PIXELS_MAX) -> Array:
     """Values (rows, cols) reduced to a smaller image of the same extent, unchanged if small enough.
 
     Each new pixel is the area-weighted mean of the finite values in it; NaN if they cover less than
@@ -70,7 +70,7 @@ def shrunk(values: ArrayLike, pixels_max: int = PIXELS_MAX, side_max: int = SIDE
     """
     image = np.asarray(values)
     rows, cols = image.shape
-    scale = min(1.0, math.sqrt(pixels_max / max(rows * cols, 1)), side_max / max(rows, cols, 1))
+    scale = min(1.0, math.sqrt(pixels_max / max(rows * cols, 1)), SIDE_MAX / max(rows, cols, 1))
     if scale == 1.0:
         return image.astype(np.float64)
     shape = max(1, int(rows * scale)), max(1, int(cols * scale))

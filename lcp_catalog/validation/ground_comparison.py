@@ -34,8 +34,7 @@ from ..rendering.pipeline import prepare_terrain
 from ..rendering.renderer import render_enu
 from ..rendering.request import Request, ViewChoice
 from ..terrain.terrain import Terrain
-from .orthoimage import orthorectify, terrain_nodes
-from .point_spread import Pair, paired
+from .orthoimage import Pair, orthorectify, paired, terrain_nodes
 from .window_correlation import WindowComparison, compare, of_patches
 
 SEARCH_CELLS = 2

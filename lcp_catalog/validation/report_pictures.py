@@ -145,13 +145,17 @@ class Arrows:
         return float(np.percentile(lengths, 90.0)) if len(lengths) else 0.0
 
 
-def magnification(frame: ImageDrawing, arrows: Arrows, drawn: float = 56.0) -> float:
+ARROW = 56.0
+"""Length of a long arrow, SVG units."""
+
+
+def magnification(frame: ImageDrawing, arrows: Arrows) -> float:
     """Magnification of arrows, 1, 2 or 5 times a power of ten: one arrow in ten is longer than
-    about ``drawn`` SVG units.
+    about `ARROW`.
     """
     if arrows.longest <= 0.0:
         return 1.0
-    wanted = drawn / (arrows.longest * frame.scale)
+    wanted = ARROW / (arrows.longest * frame.scale)
     power = 10.0 ** math.floor(math.log10(wanted))
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= wanted * (1 + 1e-9))
 

@@ -45,8 +45,7 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
 from .advice import advised, albedo_advice
-from .claim_trials import ClaimSearch
-from .claims import Claims
+from .claims import Claims, ClaimSearch
 from .encoding_check import EncodingCheck, check_encoding
 from .error_fit import FittedErrors, Residuals, fit_errors, residuals_of
 from .ground_comparison import (

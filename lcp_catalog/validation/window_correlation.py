@@ -151,7 +151,6 @@ def of_patches(
     gsd_m: float,
     size: int = SIZE,
     step: int = STEP,
-    least_valid: float = LEAST_VALID,
 ) -> WindowComparison:
     """Correlations of n patches (n, rows, cols), each an image and a render on the nodes of the
     patch.
@@ -165,7 +164,7 @@ def of_patches(
     w = np.ones(a.shape) if weights is None else np.asarray(weights, dtype=np.float64)
     size = min(size, *a.shape[1:])
     each = [
-        compare(image, render, weight, gsd_m=gsd_m, size=size, step=step, least_valid=least_valid)
+        compare(image, render, weight, gsd_m=gsd_m, size=size, step=step)
         for image, render, weight in zip(a, b, w, strict=True)
     ]
     if not each:
@@ -182,17 +181,20 @@ def of_patches(
     )  # fmt: skip
 
 
+_COMMON_REACH_PX = 4
+
+
 def common_shift(
-    image: Array, render: Array, weight: Array, *, size: int = SIZE, reach_px: int = 4
+    image: Array, render: Array, weight: Array, *, size: int = SIZE
 ) -> tuple[float, float]:
     """Offset of an image from a render in cells (right, down): the maximum of the mean correlation
-    of the windows within ``reach_px``, interpolated by the quadratic through its neighbours.
+    of the windows within 4 cells, interpolated by the quadratic through its neighbours.
 
     The error of the interpolation is below 0.05 cells for images smoothed to their cells (a test
     measures it).
     """
-    scores = np.full((2 * reach_px + 1, 2 * reach_px + 1), -np.inf)
-    for (i, j), place in moves(reach_px):
+    scores = np.full(2 * (2 * _COMMON_REACH_PX + 1,), -np.inf)
+    for (i, j), place in moves(_COMMON_REACH_PX):
         grid = _correlations(*moved(image, render, weight, place), size, size)
         there = grid.valid >= 0.5
         if there.any():

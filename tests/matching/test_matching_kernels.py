@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.kernels.matching import correlation, point_spread, search, subpixel_fit
 from lcp_catalog.kernels.matching.backward_search import find_backwards
-from lcp_catalog.matching.search_image import SearchImage
+from lcp_catalog.matching.point_search import SearchImage
 
 photo = pytest.fixture(hadley_photo, scope="module")
 

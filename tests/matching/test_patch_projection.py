@@ -14,7 +14,7 @@ from helpers.twins_match import catalog_of_patches, looking_at
 from lcp_catalog.cameras.sensor import FullSensor, Reduced
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.matching.patch_projection import node_pixels
+from lcp_catalog.matching.templates import node_pixels
 
 FRAMES = [EnuFrame(10.0, 40.0), EnuFrame(10.02, 40.03)]
 GSD_M = 100.0

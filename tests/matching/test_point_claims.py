@@ -16,8 +16,15 @@ from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadl
 from lcp_catalog.cameras.sensor import Reduced, Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.matching.matches import Matches
-from lcp_catalog.matching.point_choice import choose_points, points_in_view, usable_points
-from lcp_catalog.matching.point_claims import NO_CLAIM, PointClaims, at_least, claimed
+from lcp_catalog.matching.point_choice import (
+    NO_CLAIM,
+    PointClaims,
+    at_least,
+    choose_points,
+    claimed,
+    points_in_view,
+    usable_points,
+)
 from lcp_catalog.matching.point_search import Criteria, find_points
 from lcp_catalog.matching.position_fix import LOCATED, Options, locate
 

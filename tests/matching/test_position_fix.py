@@ -23,8 +23,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching.coarse_offset import CoarseShift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE, REASONS
-from lcp_catalog.matching.point_choice import points_in_view
-from lcp_catalog.matching.point_claims import PointClaims
+from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.pose import jacobian, position_error, spread_px2
 from lcp_catalog.matching.position_fix import (

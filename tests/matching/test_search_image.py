@@ -8,7 +8,7 @@ from helpers.posed import camera
 
 from lcp_catalog.cameras.sensor import Reduced
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.search_image import SearchImage, full_pixels, nothing_in
+from lcp_catalog.matching.point_search import SearchImage, full_pixels, nothing_in
 
 
 def made(signal: np.ndarray, weight: np.ndarray | None = None) -> Image:

@@ -15,8 +15,7 @@ from lcp_catalog.cameras.sensor import FullSensor
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import draw_patch, point_spread, subpixel_fit
-from lcp_catalog.matching.patch_projection import TOLERANCE_PX, node_pixels
-from lcp_catalog.matching.templates import render_patches
+from lcp_catalog.matching.templates import TOLERANCE_PX, node_pixels, render_patches
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, photometry, reflectance_model
 from lcp_catalog.terrain.heightfield import Heightfield
 

@@ -20,9 +20,9 @@ from lcp_catalog.errors import CameraError, OutputError, SunError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation import frame_points
+from lcp_catalog.navigation.documents import TrajectoryChart
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
 from lcp_catalog.navigation.frame_points import PlannedImage
-from lcp_catalog.navigation.trajectory_chart import TrajectoryChart
 from lcp_catalog.navigation.trajectory_file import read_trajectory
 
 SUN = SunChoice(100.0, 17.0)

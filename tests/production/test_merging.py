@@ -30,7 +30,7 @@ from lcp_catalog.production.merged_maps import MergedMaps, MergedPart
 from lcp_catalog.production.merging import merge_catalogs
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
-from lcp_catalog.validation.claim_trials import search_radius_m
+from lcp_catalog.validation.claims import search_radius_m
 
 STATUS_ORDER = [4, 1, 2, 3, 5, 0]
 """Codes of a cell's status: of several reports the one that comes last here holds."""

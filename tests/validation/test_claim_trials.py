@@ -16,7 +16,7 @@ from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.matches import CODE
 from lcp_catalog.matching.point_search import Criteria, find_points
-from lcp_catalog.validation.claim_trials import ClaimSearch, search_radius_m
+from lcp_catalog.validation.claims import ClaimSearch, search_radius_m
 
 ROWS = np.arange(49)
 SIGMA_M = 20.0

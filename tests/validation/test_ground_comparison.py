@@ -36,8 +36,7 @@ from lcp_catalog.validation.ground_comparison import (
     rendered_cell_m,
     subsolar,
 )
-from lcp_catalog.validation.orthoimage import terrain_nodes
-from lcp_catalog.validation.point_spread import CoarseGrid
+from lcp_catalog.validation.orthoimage import CoarseGrid, terrain_nodes
 
 LAW = reflectance_model("lommel-seeliger")
 STANDARD = TIERS["standard"]

@@ -23,7 +23,7 @@ from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
-from lcp_catalog.validation.claim_trials import ClaimSearch
+from lcp_catalog.validation.claims import ClaimSearch
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = SAMPLE / "hadley_gld100_256ppd.tif"
