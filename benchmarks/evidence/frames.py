@@ -38,8 +38,7 @@ from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.validation.claim_trials import ClaimSearch
-from lcp_catalog.validation.claims import Claims
+from lcp_catalog.validation.claims import Claims, ClaimSearch
 from tests.helpers.closed_loops import Draw, Shot, Site, embree_frame
 from tests.helpers.dem_clones import Errors, clone
 from tests.helpers.embree_camera import Ground
