@@ -147,7 +147,7 @@ run_options = collected(
 )
 @dem_argument
 @output_option("CATALOG.h5", required=False)
-@build_options(*OPTIONS)
+@build_options(OPTIONS)
 @run_options
 @click.option(
     "--memory",
@@ -273,7 +273,7 @@ def _run_part(
     with _computing(run) as update:
         from lcp_catalog.production.run import BuildPart, BuildRun
 
-        part = BuildPart(*number)
+        part = BuildPart(number[0], number[1])
         build = _planned(dem, config, memory_gb)
         failed = BuildRun(
             build,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -17,8 +18,8 @@ from lcp_catalog.fields import Meaning, meanings
 from lcp_catalog.production.config import BuildConfig
 
 from .files import RASTER, InputFile, config_files
-from .groups import Command, Decorator, collected, options_of
-from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number
+from .groups import Decorator, collected, option_group
+from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number, ParamType
 
 if TYPE_CHECKING:
     from lcp_catalog.production.config import ModelConfig
@@ -27,7 +28,7 @@ NUMBERS_MAX = 3600
 """Most numbers of a list START:STOP:STEP: a tenth of a degree around the horizon."""
 
 
-class NumberList(click.ParamType):
+class NumberList(ParamType):
     """Comma-separated numbers, or START:STOP:STEP with both ends included."""
 
     name = "numbers"
@@ -51,7 +52,7 @@ class NumberList(click.ParamType):
             self.fail(f"{value!r} is neither A,B,C nor START:STOP:STEP", param, ctx)
 
 
-class ViewParam(click.ParamType):
+class ViewParam(ParamType):
     """OFF_NADIR[:AZIMUTH[:ALTITUDE_KM]]."""
 
     name = "view"
@@ -68,7 +69,7 @@ class ViewParam(click.ParamType):
         return (*parts, *(0.0, math.inf)[len(parts) - 1 :])
 
 
-class Altitudes(click.ParamType):
+class Altitudes(ParamType):
     """KM-KM, lowest and highest altitude."""
 
     name = "altitudes"
@@ -85,7 +86,7 @@ class Altitudes(click.ParamType):
         return low, high
 
 
-class PartParam(click.ParamType):
+class PartParam(ParamType):
     """K/N."""
 
     name = "part"
@@ -105,7 +106,7 @@ class Spelling:
 
     flag: str
     metavar: str | None = None
-    kind: click.ParamType | None = None
+    kind: ParamType | None = None
 
 
 NUMBERS = NumberList()
@@ -149,8 +150,11 @@ KEYS = {name.partition(".")[2]: name for name in OPTIONS}
 class FieldOption(click.Option):
     """An option that sets ``fields`` of the configuration; its value times ``factor`` is the field's."""
 
-    fields: tuple[str, ...] = ()
-    factor: float = 1.0
+    def __init__(
+        self, names: Sequence[str], fields: tuple[str, ...], factor: float = 1.0, **settings: Any
+    ) -> None:
+        super().__init__(names, **settings)
+        self.fields, self.factor = fields, factor
 
     def type_cast_value(self, ctx: click.Context, value: Any) -> Any:
         found = super().type_cast_value(ctx, value)
@@ -170,22 +174,16 @@ def field_option(name: str, default_words: str | None = None, **settings: Any) -
     lists = " A,B,C or START:STOP:STEP." if section == "sun" else ""
     text = f"{meaning.text}{lists}" + (f" Default: {words}." if words else "")
     facts: dict[str, Any] = {
+        "fields": (name,),
+        "factor": factor,
         "type": spelling.kind or _type(get_type_hints(kind)[key], meaning, factor),
         "metavar": spelling.metavar,
         "help": NAMED.sub(lambda found: OPTIONS[found[1]].flag, text),
     }
-
-    def decorate(command: Command) -> Command:
-        made = click.option(spelling.flag, key, cls=FieldOption, **(facts | settings))(command)
-        option = options_of(made)[-1]
-        assert isinstance(option, FieldOption)
-        option.fields, option.factor = (name,), factor
-        return made
-
-    return decorate
+    return click.option(spelling.flag, key, cls=FieldOption, **(facts | settings))
 
 
-def _type(hint: object, meaning: Meaning, factor: float) -> click.ParamType:
+def _type(hint: object, meaning: Meaning, factor: float) -> ParamType:
     """Type of an option for a field's type and range."""
     if meaning.choices:
         return click.Choice(meaning.choices)
@@ -205,24 +203,20 @@ def _short(value: float) -> float:
     return int(value) if value == int(value) else value
 
 
-def _view_option(command: Command) -> Command:
-    made = click.option(
-        "--view",
-        "views",
-        cls=FieldOption,
-        type=ViewParam(),
-        multiple=True,
-        metavar="OFF:AZ[:KM]",
-        help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). "
-        "Repeat for more views. Default: 0, and 30 degrees from four azimuths.",
-    )(command)
-    option = options_of(made)[-1]
-    assert isinstance(option, FieldOption)
-    option.fields = VIEWS
-    return made
+_view_option: Decorator = click.option(
+    "--view",
+    "views",
+    cls=FieldOption,
+    fields=VIEWS,
+    type=ViewParam(),
+    multiple=True,
+    metavar="OFF:AZ[:KM]",
+    help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). Repeat "
+    "for more views. Default: 0, and 30 degrees from four azimuths.",
+)
 
 
-def build_options(*fields_set: str) -> Decorator:
+def build_options(fields_set: Iterable[str]) -> Decorator:
     """Options of a build, which a command gets as ``config``, a BuildConfig: ``--config``, ``--view``, and those of
     fields.
     """
@@ -235,8 +229,8 @@ def build_options(*fields_set: str) -> Decorator:
         help="Configuration of the build; options of the command line replace its values. Default: every value its "
         "default.",
     )
-    options = [config_option, _view_option, *map(field_option, fields_set)]
-    return collected("config", configuration, *options, names=names)
+    every = option_group(config_option, _view_option, *map(field_option, fields_set))
+    return collected("config", configuration, every, names=names)
 
 
 def configuration(

@@ -39,8 +39,8 @@ class InputFile(click.Path):
 
     name = "file"
 
-    def __init__(self, others: Files | None = None, **checks: Any) -> None:
-        super().__init__(readable=False, **checks)
+    def __init__(self, others: Files | None = None) -> None:
+        super().__init__(readable=False)
         self.others = others
 
     def inputs(self, value: str) -> Iterator[Path]:
@@ -58,8 +58,8 @@ class OutputFile(click.Path):
 
     name = "file"
 
-    def __init__(self, written: Files | None = None, **checks: Any) -> None:
-        super().__init__(readable=False, **checks)
+    def __init__(self, written: Files | None = None, dir_okay: bool = True) -> None:
+        super().__init__(readable=False, dir_okay=dir_okay)
         self.written = written
 
     def outputs(self, value: str) -> Iterator[Path]:

@@ -10,7 +10,8 @@ import click
 
 from .files import FileCommand, InputFile, OutputFile
 from .messages import echo, say
-from .options import depfile_option, output_option, overwrite_option
+from .options import check_outputs, output_option, overwrite_option, write_files
+from .progress import progress
 from .value_types import Finite, Number
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
 @click.command(
     "fit-reflectance",
     cls=FileCommand,
+    rule=True,
     example="lcp fit-reflectance paint.csv -o paint.toml --chart paint.svg",
 )
 @click.argument("goniometer", metavar="GONIOMETER.csv", type=InputFile())
@@ -82,48 +84,9 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     help="Also write polar charts of measurements and model, one for each incidence.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
-@depfile_option
 @overwrite_option
 def command(
     goniometer: str,
-    output: str,
-    chart: str | None,
-    as_json: bool,
-    depfile: str | None,
-    overwrite: bool,
-    **flags: Any,
-) -> None:
-    """Fit the two-component facet model to goniophotometer measurements of a surface.
-
-    GONIOMETER.csv has the columns incidence_deg, emission_deg (signed: positive on the side of the
-    source, the specular direction is at -incidence), optionally azimuth_deg, and one of intensity,
-    brightness, radiance_factor. Use the fitted model with `--reflectance facet:MODEL.toml`.
-    """
-    from lcp_catalog.atomic_files import check_output
-    from lcp_catalog.photometry.facet_fit import fit_reflectance
-    from lcp_catalog.photometry.goniometer import read_measurements
-
-    from .progress import progress
-
-    check_output(output, overwrite)
-    if chart:
-        check_output(chart, overwrite)
-    measurements = read_measurements(goniometer)
-    if measurements.absolute and flags["albedo"] is not None:
-        raise click.UsageError(
-            "--albedo: not with a radiance_factor column, which gives the brightness of the surface"
-        )
-    with progress("fit") as update:
-        fit = fit_reflectance(measurements, progress=update, **_settings(output, **flags))
-    _write(fit, measurements, goniometer, output, chart, depfile, overwrite)
-    text = (
-        json.dumps(_document(fit, measurements), indent=2) if as_json else _text(fit, measurements)
-    )
-    echo(text)
-    say(f"{output}: use it with --reflectance facet:{output}")
-
-
-def _settings(
     output: str,
     weight: float,
     albedo: float | None,
@@ -131,49 +94,46 @@ def _settings(
     polarisation: tuple[float, float],
     normalize: str,
     name: str | None,
-) -> dict[str, Any]:
-    """Arguments of `fit_reflectance` from the options; usage errors name the option."""
-    from lcp_catalog.errors import ConfigError
-    from lcp_catalog.photometry.facet_model import Optics
-
-    try:
-        Optics(*refractive_index)
-    except ConfigError as error:
-        raise click.UsageError(f"--refractive-index: {error}") from error
-    try:
-        optics = Optics(*refractive_index, *polarisation)
-    except ConfigError as error:
-        raise click.UsageError(f"--polarisation: {error}") from error
-    found: dict[str, Any] = {"weight": weight, "optics": optics}
-    found |= {"normalize": normalize == "specular", "name": name or Path(output).stem}
-    return found if albedo is None else found | {"albedo": albedo}
-
-
-def _write(
-    fit: Fit,
-    measurements: Measurements,
-    goniometer: str,
-    output: str,
     chart: str | None,
-    depfile: str | None,
+    as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Write all files, or none of them if one cannot be written."""
-    from contextlib import ExitStack
+    """Fit the two-component facet model to goniophotometer measurements of a surface.
 
-    from lcp_catalog.atomic_files import depfile_rule, write_aside
-    from lcp_catalog.photometry.facet_fit import fit_file
+    GONIOMETER.csv has the columns incidence_deg, emission_deg (signed: positive on the side of the
+    source, the specular direction is at -incidence), optionally azimuth_deg, and one of intensity,
+    brightness, radiance_factor. Use the fitted model with `--reflectance facet:MODEL.toml`.
+    """
+    from lcp_catalog.photometry.facet_fit import fit_file, fit_reflectance
+    from lcp_catalog.photometry.facet_model import ALBEDO, Optics
     from lcp_catalog.photometry.facet_plot import fit_chart
+    from lcp_catalog.photometry.goniometer import read_measurements
 
+    check_outputs(overwrite, output, chart)
+    (index, extinction), (degree, angle_deg) = refractive_index, polarisation
+    optics = Optics(index, extinction, degree, angle_deg)
+    measurements = read_measurements(goniometer)
+    if measurements.absolute and albedo is not None:
+        raise click.UsageError(
+            "--albedo: not with a radiance_factor column, which gives the brightness of the surface"
+        )
+    with progress("fit") as update:
+        fit = fit_reflectance(
+            measurements,
+            weight=weight,
+            albedo=ALBEDO if albedo is None else albedo,
+            optics=optics,
+            normalize=normalize == "specular",
+            name=name or Path(output).stem,
+            progress=update,
+        )
     texts = {output: fit_file(fit, measurements).to_toml()}
-    if chart:
+    if chart is not None:
         texts[chart] = fit_chart(fit, measurements)
-    with ExitStack() as stack:
-        for name, text in texts.items():
-            stack.enter_context(write_aside(name, overwrite)).write_text(text, encoding="utf-8")
-        if depfile:
-            rule = depfile_rule(output, [goniometer])
-            stack.enter_context(write_aside(depfile, True)).write_bytes(rule)
+    write_files({path: text.encode("utf-8") for path, text in texts.items()}, overwrite)
+    document = _document(fit, measurements) if as_json else None
+    echo(_text(fit, measurements) if document is None else json.dumps(document, indent=2))
+    say(f"{output}: use it with --reflectance facet:{output}")
 
 
 def _text(fit: Fit, measurements: Measurements) -> str:

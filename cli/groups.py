@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any, TypeAlias
 
-import click
-
 Command: TypeAlias = Callable[..., Any]
 Decorator: TypeAlias = Callable[[Command], Command]
 
@@ -41,9 +39,3 @@ def collected(
         return option_group(*options)(call)
 
     return decorate
-
-
-def options_of(command: Command) -> list[click.Parameter]:
-    """The options and arguments that decorators have added so far to a function."""
-    found: list[click.Parameter] = command.__dict__.setdefault("__click_params__", [])
-    return found

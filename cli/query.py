@@ -16,7 +16,7 @@ from lcp_catalog.choices import CHART_ENDINGS, POINT_ENDINGS
 
 from . import options
 from .files import FileCommand, InputFile, OutputFile
-from .groups import Decorator, collected
+from .groups import collected, option_group
 from .messages import echo, say
 from .progress import progress
 from .value_types import Number
@@ -99,45 +99,41 @@ most_option = click.option(
 )
 
 
-def query_options(*more: Decorator) -> Decorator:
-    """What is known before about attitude, heights and map, and ``more``: a command gets it as ``query``."""
-    return collected(
-        "query",
-        query_choice,
-        *more,
-        click.option(
-            "--attitude-sigma",
-            "attitude_sigma_deg",
-            type=Number(0.0, 90.0),
-            metavar="DEG",
-            help="Known attitude: 1 sigma about each axis; 0: exact. Default: unknown, solved with the position.",
-        ),
-        click.option(
-            "--height-sigma",
-            "height_sigma_m",
-            type=Number(0.0),
-            metavar="M",
-            help="1 sigma of the points' heights; default: that of the catalogue.",
-        ),
-        click.option(
-            "--map-sigma",
-            "map_sigma_m",
-            type=Number(0.0),
-            default=0.0,
-            show_default=True,
-            metavar="M",
-            help="1 sigma, each axis, of an error of place common to all points, such as the map's tie to the Moon's "
-            "frame.",
-        ),
-        click.option(
-            "--pixel-sigma",
-            "pixel_sigma_px",
-            type=Number(0.0),
-            metavar="PX",
-            help="1 sigma, each axis, of what a match errs beyond its claim, in pixels not finer than the point's cells; "
-            "default: 0.02.",
-        ),
-    )
+known_options = option_group(
+    click.option(
+        "--attitude-sigma",
+        "attitude_sigma_deg",
+        type=Number(0.0, 90.0),
+        metavar="DEG",
+        help="Known attitude: 1 sigma about each axis; 0: exact. Default: unknown, solved with the position.",
+    ),
+    click.option(
+        "--height-sigma",
+        "height_sigma_m",
+        type=Number(0.0),
+        metavar="M",
+        help="1 sigma of the points' heights; default: that of the catalogue.",
+    ),
+    click.option(
+        "--map-sigma",
+        "map_sigma_m",
+        type=Number(0.0),
+        default=0.0,
+        show_default=True,
+        metavar="M",
+        help="1 sigma, each axis, of an error of place common to all points, such as the map's tie to the Moon's "
+        "frame.",
+    ),
+    click.option(
+        "--pixel-sigma",
+        "pixel_sigma_px",
+        type=Number(0.0),
+        metavar="PX",
+        help="1 sigma, each axis, of what a match errs beyond its claim, in pixels not finer than the point's cells; "
+        "default: 0.02.",
+    ),
+)
+"""What is known before about attitude, heights and map."""
 
 
 @click.command(
@@ -148,7 +144,7 @@ def query_options(*more: Decorator) -> Decorator:
 @options.catalog_argument
 @frame_options
 @options.sun_angle_options
-@query_options(most_option)
+@collected("query", query_choice, most_option, known_options)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @options.output_option("OUT.csv|.geojson", required=False)
 @click.option(

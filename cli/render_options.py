@@ -162,7 +162,7 @@ class RenderOptions:
         if self._is_in_view and size_km is not None:
             return AreaInView(size_km, self.view.around == "axis")
         if self.surface == "sphere" and center is not None and size_km is not None:
-            return SphereArea(*center, (size_km, size_km))
+            return SphereArea(center[0], center[1], (size_km, size_km))
         return self._area_config().region
 
     def request(self) -> Request:

@@ -8,8 +8,9 @@ import click
 
 from . import options
 from .files import FileCommand, InputFile
+from .groups import collected
 from .messages import EXIT_NO, say
-from .query import FrameOptions, frame_options, query_options
+from .query import FrameOptions, frame_options, known_options, query_choice
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 )
 @frame_options
 @options.sun_angle_options
-@query_options()
+@collected("query", query_choice, known_options)
 @click.option(
     "--require",
     metavar="EXPR",

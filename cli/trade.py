@@ -32,7 +32,7 @@ def _written(folder: str) -> Iterator[Path]:
 )
 @dem_argument
 @output_option("DIR", written=_written)
-@build_options("dem.product_order", *AREA, *SWEEP, "model.reflectance", *ALBEDO, *POINTS)
+@build_options(["dem.product_order", *AREA, *SWEEP, "model.reflectance", *ALBEDO, *POINTS])
 @click.option(
     "--areas",
     type=click.IntRange(1),

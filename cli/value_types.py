@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from lcp_catalog.choices import AUTO_LAW, GSD_MAX_M, REFLECTANCE_MODELS
+from lcp_catalog.choices import AUTO_LAW, REFLECTANCE_MODELS
+
+if TYPE_CHECKING:
+    ParamType: TypeAlias = click.ParamType[Any]
+else:  # generic since click 8.5
+    ParamType = click.ParamType
 
 
-class _Finite(click.ParamType):
+class _Finite(ParamType):
     """Part of a number's type that refuses nan and inf."""
 
     def convert(
@@ -52,23 +57,44 @@ class Distance(Number):
         return super().convert(value, param, ctx)
 
 
-class Instant(click.ParamType):
+class _Read(ParamType):
+    """A value that the library reads, `read`; its error is a usage error."""
+
+    read: Callable[[str], Any]
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        from lcp_catalog.errors import LcpError
+
+        try:
+            return self.read(str(value))
+        except LcpError as error:
+            self.fail(f"{error}.", param, ctx)
+
+
+class Instant(_Read):
     """A time in ISO 8601; UTC if it has no time zone."""
 
     name = "time"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+    def read(self, text: str) -> str:
         from lcp_catalog.ephemeris.times import instants  # imports erfa
-        from lcp_catalog.errors import SunError
 
-        try:
-            instants(value)
-        except SunError as error:
-            self.fail(f"{error}.", param, ctx)
-        return str(value)
+        instants(text)
+        return text
 
 
-class Law(click.ParamType):
+class Step(_Read):
+    """Time step like 30m, 6h, 1d, 3600s or PT6H; converted to seconds."""
+
+    name = "step"
+
+    def read(self, text: str) -> float:
+        from lcp_catalog.ephemeris.times import step_seconds
+
+        return step_seconds(text)
+
+
+class Law(_Read):
     """Name of a reflectance model, with an optional parameter set after a colon, or ``auto``."""
 
     name = "law"
@@ -76,23 +102,17 @@ class Law(click.ParamType):
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
         return "LAW[:SET]"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        law, colon, _ = str(value).partition(":")
-        if law not in REFLECTANCE_MODELS and value != AUTO_LAW:
-            self.fail(
-                f"{value!r} is not a reflectance model; valid names: {', '.join(REFLECTANCE_MODELS)}.",
-                param,
-                ctx,
+    def read(self, text: str) -> str:
+        law, colon, _ = text.partition(":")
+        if law not in REFLECTANCE_MODELS and text != AUTO_LAW:
+            raise click.BadParameter(
+                f"{text!r} is not a reflectance model; valid names: {', '.join(REFLECTANCE_MODELS)}."
             )
         if colon and law != "facet":  # a facet model's file is checked when it is read
-            from lcp_catalog.errors import ConfigError
             from lcp_catalog.photometry.laws import reflectance_model  # imports numba
 
-            try:
-                reflectance_model(value)
-            except ConfigError as error:
-                self.fail(f"{error}.", param, ctx)
-        return str(value)
+            reflectance_model(text)
+        return text
 
     def inputs(self, value: str) -> Iterator[Path]:
         """The MODEL.toml of a model that has one (`cli.files`)."""
@@ -106,43 +126,21 @@ class Law(click.ParamType):
 LAW = Law()
 
 
-class Step(click.ParamType):
-    """Time step like 30m, 6h, 1d, 3600s or PT6H; converted to seconds."""
-
-    name = "step"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        from lcp_catalog.ephemeris.times import step_seconds
-        from lcp_catalog.errors import SunError
-
-        try:
-            return step_seconds(str(value))
-        except SunError as error:
-            self.fail(f"{error}.", param, ctx)
-
-
-class NumberOr(Number):
-    """A number within bounds, or one of some words."""
-
-    def __init__(self, *words: str, **bounds: Any) -> None:
-        super().__init__(**bounds)
-        self.words = words
+class Ratio(Number):
+    """A number within bounds, or ``auto`` or ``found``."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return value if value in self.words else super().convert(value, param, ctx)
+        return value if value in ("auto", "found") else super().convert(value, param, ctx)
 
 
 POSITIVE = Number(min=0.0, min_open=True)
-SUN_SKY_RATIO = NumberOr("auto", "found", min=0.0, min_open=True)
-CELL_SIZE = Number(min=0.0, max=GSD_MAX_M, min_open=True)
+SUN_SKY_RATIO = Ratio(min=0.0, min_open=True)
 LONGITUDE, LATITUDE = Number(-180, 360), Number(-90, 90)
 AZIMUTH = Number(-360, 360)
 PLACE, AREA_BOUNDS = click.Tuple([LONGITUDE, LATITUDE]), click.Tuple([LONGITUDE, LATITUDE] * 2)
 
 
-class Names(click.ParamType):
+class Names(ParamType):
     """Names separated by commas."""
 
     name = "names"

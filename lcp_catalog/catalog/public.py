@@ -30,7 +30,7 @@ def inspect(catalog: Path | str) -> dict[str, Any]:
     Returns
     -------
     dict
-        As ``lcp inspect --json`` prints it: ``points``, ``usable_share`` (of all evaluated
+        The document of ``lcp inspect``: ``points``, ``usable_share`` (of all evaluated
         conditions), ``intact``, ``problems`` (one line each), ``schema_version``, ``sources``,
         ``bounds`` (degrees; west above east if they cross the prime meridian) and others; None for
         what cannot be read. A damaged file is no error: ``intact`` is False.

@@ -60,7 +60,7 @@ class DemInfo:
     Attributes
     ----------
     files:
-        One object for each file, as ``lcp dem info --json`` prints it: ``path``, ``product``,
+        One object for each file, of the document of ``lcp dem info``: ``path``, ``product``,
         ``projection``, ``width``, ``height`` (pixels), ``gsd_m``, ``bounds`` (degrees), ``min_m``,
         ``max_m``, ``nodata_share``, ``samples`` (heights at the places asked for) and others.
     whole:

@@ -11,7 +11,7 @@ from typing import Any
 
 import tomli_w
 
-from ..errors import ConfigError, InputError
+from ..errors import ConfigError, InputError, plain
 from ..toml_files import is_number, parse_toml
 from .facet_labunets2019 import DEFAULT, NAMED, named_model
 from .facet_model import FacetModel, Node, Optics, Shadowing
@@ -68,7 +68,7 @@ def load_model(path: Path | str) -> FacetFile:
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not TOML: not a text file in UTF-8") from error
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigError(f"{path}: {plain(error)}") from error
 
 
 def facet_model(which: str = "") -> FacetModel:

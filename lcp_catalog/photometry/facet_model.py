@@ -92,10 +92,16 @@ class Optics:
 
     def __post_init__(self) -> None:
         _check_finite(self)
-        _require(0.1 <= self.n <= 100.0, f"refractive index n must lie in 0.1..100, not {self.n}")
-        _require(0.0 <= self.kappa <= 100.0, f"kappa must lie in 0..100, not {self.kappa}")
-        _require(self.at_normal > 1e-9, "a surface of refractive index 1 reflects no light")
-        _require(0.0 <= self.polarisation <= 1.0, "polarisation must lie in 0..1")
+        _require(0.1 <= self.n <= 100.0, f"`refractive_index` must lie in 0.1..100, not {self.n}")
+        _require(
+            0.0 <= self.kappa <= 100.0,
+            f"`refractive_index`: kappa must lie in 0..100, not {self.kappa}",
+        )
+        _require(
+            self.at_normal > 1e-9,
+            "`refractive_index`: a surface of refractive index 1 reflects no light",
+        )
+        _require(0.0 <= self.polarisation <= 1.0, "`polarisation` must lie in 0..1")
 
     @property
     def at_normal(self) -> float:
