@@ -69,20 +69,38 @@ def _own_names() -> set[str]:
     }
 
 
+def _foreign_names(tree: ast.Module) -> set[str]:
+    """Names that a file imports from elsewhere: modules, functions and classes that are not ours."""
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
+        elif (
+            isinstance(node, ast.ImportFrom)
+            and not node.level
+            and not (node.module or "").startswith("lcp_")
+        ):
+            found |= {alias.asname or alias.name for alias in node.names}
+    return found
+
+
 def starred_calls() -> list[str]:
     """Calls of our own functions, methods and classes with ``*name`` or ``**name``."""
     own, found = _own_names(), []
     for path in [*sources("lcp_catalog"), *sources("cli")]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        foreign = _foreign_names(tree)
+        for node in ast.walk(tree):
             if not isinstance(node, ast.Call):
                 continue
             called = node.func
             name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+            owner = getattr(called, "value", None)
+            if name == "__init__" or name in foreign or getattr(owner, "id", "") in foreign:
+                continue
             stars = [a.value for a in node.args if isinstance(a, ast.Starred)]
             stars += [k.value for k in node.keywords if k.arg is None]
-            if (name in own or name in {"cls"}) and any(
-                isinstance(value, ast.Name) for value in stars
-            ):
+            if (name in own or name == "cls") and any(isinstance(v, ast.Name) for v in stars):
                 found.append(f"{path.relative_to(ROOT)}:{node.lineno} {name}")
     return found
 
