@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,6 +62,7 @@ def tags(scene: Scene) -> dict[str, str]:
     """The tags of a result; they have no paths and no clock time."""
     frame = scene.frame
     gsd = {} if scene.gsd_m is None else {"gsd_m": repr(float(scene.gsd_m))}
+    dems = scene.request.dems
     found = {
         "body": "MOON",
         "frame": FRAME,
@@ -80,7 +80,7 @@ def tags(scene: Scene) -> dict[str, str]:
         "reflectance": scene.model.name,
         "accuracy": scene.request.accuracy.tier,
         "surface": "heightfield" if scene.plan.relief.modelled else "sphere",
-        "dem": json.dumps([Path(path).name for path in scene.request.dem_paths]),
+        "dem": json.dumps([dem.path.name for dem in dems.dems] if dems is not None else []),
         "scene_plan": str(scene.plan),
     }
     if scene.request.environment is not None:

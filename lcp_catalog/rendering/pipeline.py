@@ -162,7 +162,7 @@ def prepare(request: Request) -> Scene:
     if request.surface == "sphere":
         return _prepare_sphere(request)
     if isinstance(request.area, Area):
-        warn_of_region(request.dems, request.area, request.gsd_m)
+        warn_of_region(request.ground, request.area, request.gsd_m)
     return prepare_terrain(request)
 
 
@@ -173,7 +173,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
             f"{request.view.scanner.name}: is a {request.view.scanner.kind}; a background and a shadow "
             "catcher need a framing camera: give a CAMERA.json"
         )
-    dems = request.dems
+    dems = request.ground
     area, grows = area_of(request, dems)
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)
@@ -289,8 +289,7 @@ def _prepare_sphere(request: Request) -> SphereScene:
     if isinstance(request.area, AreaInView):
         place, size_km = place_in_view(request, request.area, None), request.area.size_km
         request = replace(request, area=SphereArea(*place, (size_km, size_km)))
-    if request.dem_paths:
-        dems = request.dems
+    if (dems := request.dems) is not None:
         files = dems.files
         if request.area is None and not (request.in_camera_plane and request.view.camera):
             request = replace(request, area=area_of(request, dems)[0])

@@ -9,8 +9,7 @@ from ..accuracy import accuracy as accuracy_of
 from ..atomic_files import check_output, write_bytes
 from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
-from ..dem.mosaic import DemSet
-from ..dem.public import Dems, dem_paths
+from ..dem.public import Dems, dem_set
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_map import AlbedoMap
@@ -129,8 +128,7 @@ def render(
     angles = ViewChoice(None, off_nadir_deg, view_azimuth_deg, altitude_km)
     scene = prepare(
         Request(
-            dem_paths=dem_paths(dem),
-            opened=dem if isinstance(dem, DemSet) else None,
+            dems=dem_set(dem, product_order) if dem else None,
             area=Area.chosen(center_deg, size_km, bounds_deg),
             gsd_m=gsd_m,
             sun=SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg),
@@ -139,7 +137,6 @@ def render(
             model=law_of(reflectance),
             accuracy=accuracy_of(accuracy, tolerance),
             disc=disc,
-            product_order=tuple(product_order),
             albedo=open_map(albedo) if isinstance(albedo, Path | str) else albedo,
             surface=surface,
             environment=Environment.opened(environment),

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 
 from ..accuracy import TIERS, Accuracy
 from ..cameras.frame_camera import Camera
@@ -14,7 +11,7 @@ from ..cameras.sensor import Sensor
 from ..cameras.view import View, camera_view, oblique_view, sensor_view
 from ..choices import GSD_MAX_M, SURFACES
 from ..dem.mosaic import DemSet
-from ..errors import AreaError
+from ..errors import AreaError, DemError
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.earthshine import earth_at, mean_earth
@@ -85,17 +82,17 @@ class AreaInView:
 class Request:
     """The request of one image; `rendering.pipeline.render` renders it.
 
-    dem_paths: DEM files; none are needed for ``surface="sphere"``. area: None for what the camera sees,
+    dems: DEMs; none are needed for ``surface="sphere"``. area: None for what the camera sees,
     else the whole DEM. gsd_m: cell size; None for that of the DEM. sun: the Sun; by default the
     camera's own. in_camera_plane: True for the pixels of the camera, False for the nodes of the area.
     model: reflectance model; None to choose it by the scene's phase angles. disc: True for the Sun's
-    disc, False for a point; None for the tier's default. product_order: order of precedence where DEMs
-    overlap. surface: "auto", "heightfield" or "sphere". environment: an environment map in place of the
-    Sun. earthshine: True to add the Earth's light. backdrop: a background behind the terrain.
+    disc, False for a point; None for the tier's default. surface: "auto", "heightfield" or "sphere".
+    environment: an environment map in place of the Sun. earthshine: True to add the Earth's light.
+    backdrop: a background behind the terrain.
     AreaError for a cell size that is not positive.
     """
 
-    dem_paths: Sequence[Path | str]
+    dems: DemSet | None = None
     area: Area | SphereArea | AreaInView | None = None
     gsd_m: float | None = None
     sun: SunChoice = SunChoice()  # noqa: RUF009  frozen, so it can be shared
@@ -104,7 +101,6 @@ class Request:
     model: Reflectance | None = None
     accuracy: Accuracy = TIERS["standard"]
     disc: bool | None = None
-    product_order: tuple[str, ...] = ()
     albedo: AlbedoMap | ColourMap | None = None
     surface: str = SURFACES[0]
     environment: Environment | None = None
@@ -112,8 +108,6 @@ class Request:
     backdrop: Backdrop | None = None
     bounce: str = "off"
     """Light that reaches ground by way of other ground: one of `choices.BOUNCES`."""
-    opened: DemSet | None = None
-    """The files of ``dem_paths``, where they are open already."""
 
     def __post_init__(self) -> None:
         if self.gsd_m is not None and not 0.0 < self.gsd_m <= GSD_MAX_M:
@@ -121,10 +115,12 @@ class Request:
                 f"invalid cell size {self.gsd_m:g} m: `gsd_m` must be above 0 and at most {GSD_MAX_M:g} m"
             )
 
-    @cached_property
-    def dems(self) -> DemSet:
-        """The DEM files as one DEM. DemError or LabelError for a file that cannot be opened."""
-        return self.opened or DemSet.open(self.dem_paths, self.product_order)
+    @property
+    def ground(self) -> DemSet:
+        """The DEMs. DemError if there are none."""
+        if self.dems is None:
+            raise DemError("no DEM was given")
+        return self.dems
 
     def lighting(self, frame: EnuFrame) -> Lighting:
         """The light sources in a frame's axes: the environment map alone, or the Sun and, with

@@ -82,7 +82,7 @@ def require_visible(scene: Scene, result: Rendering) -> Rendering:
     """
     if not result.visible.any() and scene.request.backdrop is None:
         camera = scene.view.camera or scene.view.scanner
-        if scene.view.camera and scene.request.area is None and not scene.request.dem_paths:
+        if scene.view.camera and scene.request.area is None and scene.request.dems is None:
             raise sees_nothing(scene.view.camera)
         raise CameraError(
             f"{camera.name if camera else 'the view'}: the camera sees nothing of the area"

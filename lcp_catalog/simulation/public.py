@@ -10,8 +10,7 @@ from ..atomic_files import check_output, write_bytes
 from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
 from ..catalog.catalogue import Catalog
-from ..dem.mosaic import DemSet
-from ..dem.public import Dems, dem_paths
+from ..dem.public import Dems, dem_set
 from ..errors import ConfigError
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
@@ -126,12 +125,10 @@ def simulate(
         )
     elif not isinstance(source, Catalog):
         request = Request(
-            dem_paths=dem_paths(source),
-            opened=source if isinstance(source, DemSet) else None,
+            dems=dem_set(source, product_order),
             gsd_m=gsd_m,
             sun=sun,
             view=ViewChoice.of(seen),
-            product_order=tuple(product_order),
             albedo=open_grey_map(albedo) if isinstance(albedo, Path | str) else albedo,
             bounce=bounce,
             model=law_of(reflectance),

@@ -171,8 +171,7 @@ def dem_request(image: Image, dems: DemSet, settings: RenderSettings) -> Request
     if not isinstance(sensor, Camera) or image.sun_position_mcmf_m is None:
         sun = SunChoice(subsolar_deg=subsolar(image))
     return Request(
-        [dem.path for dem in dems.dems],
-        opened=dems,
+        dems,
         sun=sun,
         view=view,
         model=settings.model,

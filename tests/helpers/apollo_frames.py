@@ -220,7 +220,9 @@ def series_frame(
     border = np.array([-1, -1, 1, 1]) * _BORDER_DEG
     camera = series_camera(folder / "meta", key)
     area = Area.from_bounds(*(np.array(box) + border))
-    scene = prepare_terrain(Request([dem], area=area, gsd_m=GSD_M, view=ViewChoice(camera)))
+    scene = prepare_terrain(
+        Request(DemSet.open([dem]), area=area, gsd_m=GSD_M, view=ViewChoice(camera))
+    )
     compared = image > 0
     return Frame(
         key,
@@ -283,7 +285,9 @@ def framed(shared: Path, key: str, fwhm: float = FWHM) -> Frame:
     name, dem = FRAMED[key]
     folder = shared / "images" / name
     camera = read_camera(folder / f"{key}_camera.json")
-    scene = prepare_terrain(Request([folder / dem], gsd_m=GSD_M, view=ViewChoice(camera)))
+    scene = prepare_terrain(
+        Request(DemSet.open([folder / dem]), gsd_m=GSD_M, view=ViewChoice(camera))
+    )
     photo = _photo(folder, key)
     if fwhm > 0.0:
         pixel_m = np.linalg.norm(camera.position_mcmf_m) - MOON_RADIUS_M

@@ -16,6 +16,7 @@ import rasterio
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.effective_resolution import Resolution, of_file
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
@@ -77,7 +78,9 @@ class Ground:
     def scene(self) -> HeightfieldScene:
         view = ViewChoice(read_camera(self.camera))
         model = reflectance_model(LAW)
-        scene = prepare_terrain(Request([self.dem], gsd_m=self.gsd_m, view=view, model=model))
+        scene = prepare_terrain(
+            Request(DemSet.open([self.dem]), gsd_m=self.gsd_m, view=view, model=model)
+        )
         return scene
 
     @functools.cached_property

@@ -211,7 +211,11 @@ def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
     def take(camera: Camera, shot: Shot) -> Image:
         detector = Detector(blur_px=BLUR_PX, noise=1.0 / SNR, bits=BITS, seed=shot.number)
         request = Request(
-            [dem], view=ViewChoice(camera), model=law, accuracy=TIERS["reference"], disc=False
+            DemSet.open([dem]),
+            view=ViewChoice(camera),
+            model=law,
+            accuracy=TIERS["reference"],
+            disc=False,
         )
         ground = DemSurface.seen(request, detector.margin_px)
         return frame(ground, camera, detector).image(name=camera.name)

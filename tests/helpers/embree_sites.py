@@ -12,6 +12,7 @@ import rasterio
 pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows on x86-64 only")
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.rendering.output import encode
 from lcp_catalog.rendering.pipeline import prepare
@@ -167,7 +168,7 @@ def render(
 ) -> Product:
     """What ``lcp render DEM --center --size --sun-azimuth --sun-elevation --sun point --accuracy`` writes."""
     request = Request(
-        [path],
+        DemSet.open([path]),
         area=Area(place.lon_deg, place.lat_deg, place.size_km),
         gsd_m=gsd_m,
         sun=SunChoice(azimuth_deg, elevation_deg),

@@ -8,6 +8,7 @@ import numpy as np
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
@@ -48,7 +49,11 @@ def taken(
     seed: int = 1,
 ) -> Image:
     request = Request(
-        [HADLEY], sun=SunChoice(azimuth, elevation), view=ViewChoice(camera), model=LAW, disc=False
+        DemSet.open([HADLEY]),
+        sun=SunChoice(azimuth, elevation),
+        view=ViewChoice(camera),
+        model=LAW,
+        disc=False,
     )
     return simulate.simulated_image(
         request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed)

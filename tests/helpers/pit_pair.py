@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import rasterio
 
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
@@ -65,7 +66,7 @@ class Ground:
 
     @classmethod
     def of(cls, dem: Path, sun: SunChoice, model: str = "lunar-lambert") -> Ground:
-        request = Request([dem], sun=sun, gsd_m=GSD_M, model=reflectance_model(model))
+        request = Request(DemSet.open([dem]), sun=sun, gsd_m=GSD_M, model=reflectance_model(model))
         scene = prepare_terrain(request)
         return cls(scene, scene.expose().radiance, terrain_nodes(scene.terrain))
 

@@ -17,6 +17,7 @@ import rasterio
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
 from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.renderer import render_enu
@@ -61,7 +62,9 @@ def correlation(a, b):
 
 @pytest.fixture(scope="module")
 def scene():
-    return prepare_terrain(Request([DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA))))
+    return prepare_terrain(
+        Request(DemSet.open([DEM]), gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA)))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +145,7 @@ def test_lit_from_behind_it_is_inverted(scene, ground):
 def test_camera_plane_of_the_render_is_that_of_the_image(smooth):
     """Comparison in the camera's plane, pixel by pixel: windows of 16 x 16 pixels, the same margin."""
     request = Request(
-        [DEM], gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA)), in_camera_plane=True
+        DemSet.open([DEM]), gsd_m=GSD_M, view=ViewChoice(read_camera(CAMERA)), in_camera_plane=True
     )
     render = prepare_terrain(request).expose()
     compared = np.zeros(smooth.shape, bool)

@@ -25,6 +25,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera, camera_from_json
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.photometry.laws import reflectance_model
@@ -144,7 +145,11 @@ def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
     light = photograph(site.ground, judge, sun, blur_px=BLUR_PX, samples=3, seed=number)
     require_telling(light)
     request = Request(
-        [site.dem], view=ViewChoice(camera), accuracy=TIERS["reference"], disc=False, model=LAW
+        DemSet.open([site.dem]),
+        view=ViewChoice(camera),
+        accuracy=TIERS["reference"],
+        disc=False,
+        model=LAW,
     )
     detector = Detector(blur_px=BLUR_PX)
     ours = frame(DemSurface.seen(request, detector.margin_px), camera, detector, 3).radiance

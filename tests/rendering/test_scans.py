@@ -18,6 +18,7 @@ from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import Camera, fields_of_plane
 from lcp_catalog.cameras.scanners import PushFrame
 from lcp_catalog.cameras.trajectory import Attitude, Track
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
@@ -43,7 +44,7 @@ def dem(tmp_path_factory) -> str:
 
 def request(dem, path: Path, plane: bool = True, **changes) -> Request:
     view = ViewChoice(sensor=read_sensor(path))
-    return Request([dem], view=view, in_camera_plane=plane, **(HOW | changes))
+    return Request(DemSet.open([dem]), view=view, in_camera_plane=plane, **(HOW | changes))
 
 
 def first_hit(field, origin, ray) -> float:

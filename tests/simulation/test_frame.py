@@ -75,7 +75,7 @@ def camera(
 
 def request(dem: Path, taken_by: Camera, **changes) -> Request:
     how = {"accuracy": TIERS["reference"], "disc": False, "model": LAW}
-    return Request([dem], view=ViewChoice(taken_by), **(how | changes))
+    return Request(DemSet.open([dem]), view=ViewChoice(taken_by), **(how | changes))
 
 
 def shoot(dem: Path, taken_by: Camera, samples: int, **detector) -> SimulatedFrame:

@@ -15,6 +15,7 @@ from simulation.test_frame import APART, CELL_M, LAW, PLACE, patches, rolling
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import camera_with_plane
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError, CameraError
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
@@ -33,7 +34,9 @@ def dem(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def seen(dem: Path, sensor, margin_px: int = 0) -> DemSurface:
     how = {"accuracy": TIERS["reference"], "disc": False, "model": LAW}
-    return DemSurface.seen(Request([dem], view=ViewChoice(sensor=sensor), **how), margin_px)
+    return DemSurface.seen(
+        Request(DemSet.open([dem]), view=ViewChoice(sensor=sensor), **how), margin_px
+    )
 
 
 def scanner(folder: Path, kind: str = "LINE_SCANNER", **changes):

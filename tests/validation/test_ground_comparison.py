@@ -61,7 +61,9 @@ def camera() -> Camera:
 
 @pytest.fixture(scope="module")
 def photo(camera) -> Image:
-    request = Request([HADLEY], view=ViewChoice(camera), model=LAW, accuracy=STANDARD, disc=False)
+    request = Request(
+        DemSet.open([HADLEY]), view=ViewChoice(camera), model=LAW, accuracy=STANDARD, disc=False
+    )
     return simulated(request, Detector(blur_px=0.4, noise=0.0, bits=14, seed=1))
 
 

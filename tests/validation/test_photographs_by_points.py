@@ -13,6 +13,7 @@ import pytest
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
 from lcp_catalog.catalog.schema import USABLE
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.images.image_file import ImageOptions, open_image
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
@@ -72,7 +73,9 @@ def test_usable_points_look_like_the_photograph(catalog: Catalog) -> None:
     assert catalog.patch_nodes == 2 * HALF + 1
     camera = read_camera(CAMERA)
     view = ViewChoice(camera=camera)
-    scene = prepare_terrain(Request([DEM], area=Area(3.5, 26.0, 158.0), gsd_m=gsd_m, view=view))
+    scene = prepare_terrain(
+        Request(DemSet.open([DEM]), area=Area(3.5, 26.0, 158.0), gsd_m=gsd_m, view=view)
+    )
     shot = scene.expose()
     field, (row0, _, col0, _) = scene.terrain.field, scene.terrain.core
     pixels = camera.project(scene.terrain.frame.to_mcmf(nodes_enu(field, scene.terrain.core)))
