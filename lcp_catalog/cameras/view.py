@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,106 +25,160 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """View of an area in its ENU frame: a direction (camera at infinity) or a position.
-
-    Exactly one of ``direction`` and ``position_m`` is set. ``camera`` limits the visible terrain to
-    its image. ``towards``, beside a direction: function of points (..., 3) that returns the
-    direction to a sensor that moves during the exposure; it sets the brightness, and the one
-    direction sets what is hidden. ``scanner``, beside ``towards``: it limits the visible terrain to
-    its image, and what is hidden is decided along each point's own direction; ``lowest_tangent``:
-    tangent of its least elevation as seen from any point of its image. CameraError for a view that
-    is not finite.
+class ParallelView:
+    """The view of an area from infinity, in a direction (3,) of its ENU frame. ``camera`` limits the
+    visible terrain to its image. CameraError for a direction that is not finite.
     """
 
-    direction: Array | None = None
-    position_m: Array | None = None
+    direction: Array
     camera: Camera | None = None
-    towards: Callable[[Array], Array] | None = None
-    scanner: Scanner | None = None
-    lowest_tangent: float | None = None
 
     def __post_init__(self) -> None:
-        if (self.direction is None) == (self.position_m is None):
-            raise CameraError("a view is either a direction or a position")
-        where = np.asarray(self.position_m if self.direction is None else self.direction)
-        if not np.isfinite(where).all():
-            raise CameraError(f"invalid view: {where.tolist()} is not finite")
+        _require_finite(self.direction)
+
+    @property
+    def sensor(self) -> Camera | None:
+        """The camera that limits the visible terrain."""
+        return self.camera
 
     def directions(self, points_m: Array) -> Array:
-        """Unit directions (..., 3) from ENU points (..., 3) to the camera; up at the position of
-        the camera itself.
+        """The direction for ENU points (..., 3)."""
+        return np.broadcast_to(self.direction, points_m.shape)
+
+    def describe(self) -> dict[str, Any]:
+        """JSON description: the camera file's content, or the ENU direction."""
+        return self.camera.to_json() if self.camera else {"direction_enu": self.direction.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """The view of an area from a position (3,) in its ENU frame, metres. ``camera`` limits the visible
+    terrain to its image. CameraError for a position that is not finite.
+    """
+
+    position_m: Array
+    camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        _require_finite(self.position_m)
+
+    @property
+    def sensor(self) -> Camera | None:
+        """The camera that limits the visible terrain."""
+        return self.camera
+
+    def directions(self, points_m: Array) -> Array:
+        """Unit directions (..., 3) from ENU points (..., 3) to the camera; up at the position of the
+        camera itself.
         """
-        if self.towards is not None:
-            return self.towards(points_m)
-        if self.direction is not None:
-            return np.broadcast_to(self.direction, points_m.shape)
-        assert self.position_m is not None
         towards = self.position_m - points_m
         distance = np.linalg.norm(towards, axis=-1, keepdims=True)
         here = distance == 0.0
         return np.where(here, _UP, towards / np.where(here, 1.0, distance))
 
     def describe(self) -> dict[str, Any]:
-        """JSON description of the view: the camera file's content (of a scanner its name, kind and
-        size), or the ENU direction or position.
-        """
+        """JSON description: the camera file's content, or the ENU position."""
         if self.camera is not None:
             return self.camera.to_json()
-        if self.scanner is not None:
-            rows, cols = self.scanner.shape
-            name = Path(self.scanner.name).name
-            return {"file": name, "kind": self.scanner.kind, "image_size_px": [cols, rows]}
-        if self.direction is not None:
-            return {"direction_enu": self.direction.tolist()}
-        assert self.position_m is not None
         return {"position_enu_m": self.position_m.tolist()}
 
 
-def camera_view(camera: Camera, frame: EnuFrame) -> View:
+@dataclass(frozen=True, eq=False)
+class MovingView:
+    """The view of a sensor that moves during the exposure and whose image limits nothing, such as a map.
+
+    ``direction`` (3,), that at the frame's origin, sets what is hidden; each point's own sets the
+    brightness. CameraError if the sensor does not see the frame's origin.
+    """
+
+    moving: Sensor
+    frame: EnuFrame
+
+    camera: ClassVar[None] = None
+    sensor: ClassVar[None] = None
+
+    @cached_property
+    def direction(self) -> Array:
+        """Direction at the frame's origin."""
+        return self.directions(np.zeros(3))
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.direction).all():
+            raise CameraError(f"{self.moving.name}: does not see the centre of the area")
+
+    def directions(self, points_m: Array) -> Array:
+        """Unit directions (..., 3) from ENU points (..., 3) to the sensor."""
+        return self.frame.direction_from_mcmf(self.moving.towards(self.frame.to_mcmf(points_m)))
+
+    def describe(self) -> dict[str, Any]:
+        """JSON description: the direction at the frame's origin."""
+        return {"direction_enu": self.direction.tolist()}
+
+
+@dataclass(frozen=True, eq=False)
+class ScannerView:
+    """The view of a scanner, which sees every line from another position: each point has its own
+    direction, for its brightness and for what is hidden. The image limits the visible terrain.
+    """
+
+    scanner: Scanner
+    frame: EnuFrame
+
+    camera: ClassVar[None] = None
+
+    @property
+    def sensor(self) -> Scanner:
+        """The scanner, which limits the visible terrain."""
+        return self.scanner
+
+    @cached_property
+    def direction(self) -> Array:
+        """Direction (3,) to the scanner from what the middle of its image shows."""
+        rows, cols = self.scanner.shape
+        _, middle = self.scanner.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+        return np.asarray(-self.frame.direction_from_mcmf(middle))
+
+    @cached_property
+    def lowest_tangent(self) -> float:
+        """Tangent of the scanner's least elevation as seen from any point of its image."""
+        _, looking = self.scanner.looks(border_and_inside(self.scanner.shape, 65))
+        east, north, up = np.moveaxis(self.frame.direction_from_mcmf(looking), -1, 0)
+        level = np.hypot(east, north)
+        tangents = np.where(level > 0.0, -up / np.where(level > 0.0, level, 1.0), np.inf)
+        return float(np.nanmin(tangents))
+
+    def directions(self, points_m: Array) -> Array:
+        """Unit directions (..., 3) from ENU points (..., 3) to the scanner."""
+        return self.frame.direction_from_mcmf(self.scanner.towards(self.frame.to_mcmf(points_m)))
+
+    def describe(self) -> dict[str, Any]:
+        """JSON description: name, kind and size of the scanner."""
+        rows, cols = self.scanner.shape
+        name = Path(self.scanner.name).name
+        return {"file": name, "kind": self.scanner.kind, "image_size_px": [cols, rows]}
+
+
+View: TypeAlias = ParallelView | CameraView | MovingView | ScannerView
+"""A view of an area, in its ENU frame."""
+
+
+def _require_finite(where: Array) -> None:
+    if not np.isfinite(where).all():
+        raise CameraError(f"invalid view: {np.asarray(where).tolist()} is not finite")
+
+
+def camera_view(camera: Camera, frame: EnuFrame) -> CameraView:
     """The view of a camera on an area."""
-    return View(position_m=frame.from_mcmf(camera.position_mcmf_m), camera=camera)
+    return CameraView(frame.from_mcmf(camera.position_mcmf_m), camera)
 
 
 def sensor_view(sensor: Sensor, frame: EnuFrame) -> View:
-    """The view of any sensor on an area.
-
-    A scanner sees every line from another position: each point has its own direction. For other
-    sensors that move, hidden terrain is decided by the direction at the frame's origin; CameraError
-    if the sensor does not see that.
+    """The view of any sensor on an area. CameraError for a sensor other than a framing camera or a
+    scanner that does not see the frame's origin.
     """
     if isinstance(sensor, Camera):
         return camera_view(sensor, frame)
-    if isinstance(sensor, Scanner):
-        return _scanner_view(sensor, frame)
-
-    def towards(points_m: Array) -> Array:
-        return frame.direction_from_mcmf(sensor.towards(frame.to_mcmf(points_m)))
-
-    direction = towards(np.zeros(3))
-    if not np.isfinite(direction).all():
-        raise CameraError(f"{sensor.name}: does not see the centre of the area")
-    return View(direction=direction, towards=towards)
-
-
-def _scanner_view(scanner: Scanner, frame: EnuFrame) -> View:
-    """The view of a scanner; its direction is that from what the middle of the image shows."""
-
-    def towards(points_m: Array) -> Array:
-        return frame.direction_from_mcmf(scanner.towards(frame.to_mcmf(points_m)))
-
-    rows, cols = scanner.shape
-    _, middle = scanner.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
-    _, looking = scanner.looks(border_and_inside(scanner.shape, 65))
-    east, north, up = np.moveaxis(frame.direction_from_mcmf(looking), -1, 0)
-    level = np.hypot(east, north)
-    tangents = np.where(level > 0.0, -up / np.where(level > 0.0, level, 1.0), np.inf)
-    return View(
-        direction=-frame.direction_from_mcmf(middle),
-        towards=towards,
-        scanner=scanner,
-        lowest_tangent=float(np.nanmin(tangents)),
-    )
+    return ScannerView(sensor, frame) if isinstance(sensor, Scanner) else MovingView(sensor, frame)
 
 
 def finest_pixel_m(sensor: Sensor) -> float:
@@ -138,14 +192,14 @@ def finest_pixel_m(sensor: Sensor) -> float:
     return float(sizes[np.isfinite(sizes)].min(initial=math.inf))
 
 
-def nadir_view() -> View:
+def nadir_view() -> ParallelView:
     """View straight down from infinity."""
-    return View(direction=_UP.copy())
+    return ParallelView(_UP.copy())
 
 
 def oblique_view(
     off_nadir_deg: float, view_azimuth_deg: float, altitude_m: float | None = None
-) -> View:
+) -> ParallelView | CameraView:
     """View of the frame's origin from an azimuth, ``off_nadir_deg`` from the vertical at the
     origin.
 
@@ -159,7 +213,7 @@ def oblique_view(
     if off_nadir_deg == 0.0:
         direction = _UP.copy()  # exact: from above, no terrain is hidden
     if altitude_m is None:
-        return View(direction=direction)
+        return ParallelView(direction)
     if not (math.isfinite(altitude_m) and altitude_m > 0):
         raise CameraError(f"invalid view: the altitude {altitude_m} m is not positive")
     if altitude_m > FARTHEST_M:
@@ -167,7 +221,7 @@ def oblique_view(
             f"invalid view: the altitude is above {FARTHEST_M / 1e3:g} km; "
             "leave it out for a camera at infinity"
         )
-    return View(position_m=slant_range_m(off_nadir_deg, altitude_m) * direction)
+    return CameraView(slant_range_m(off_nadir_deg, altitude_m) * direction)
 
 
 def slant_range_m(off_nadir_deg: float, altitude_m: float) -> float:

@@ -29,6 +29,7 @@ from ..terrain.heightfield import Heightfield
 from ..terrain.horizons import HorizonPoints
 from ..terrain.terrain import Terrain
 from .sources import Lighting, LightSource
+from .surface_points import SurfacePoints
 
 BOUNCE_RMS = {"draft": 0.25, "standard": 0.15, "high": 0.06, "reference": 0.06}
 """Bound on the rms error of the directions, by tier, as a share of the mean bounced light; measured
@@ -68,27 +69,21 @@ class BouncedSample:
 def bounced_at_points(
     terrain: Terrain,
     light: Lighting,
-    points_m: Array,
-    normals: Array,
-    towards: Array,
+    at: SurfacePoints,
     model: Reflectance,
     accuracy: Accuracy,
     brightness: Brightness | None = None,
 ) -> Array:
-    """Radiance (n,) that one bounce gives ENU points (n, 3) of the surface with their normals, seen
-    in directions (3,) or (n, 3). ``brightness``: albedo of the ground that reflects; that of the
-    points themselves is not applied.
+    """Radiance (n,) that one bounce gives n points of the surface. ``brightness``: albedo of the ground
+    that reflects; that of the points themselves is not applied.
     """
-    total = np.zeros(len(points_m))
+    total = np.zeros(len(at))
     directions, solid_sr = _directions(terrain.field, accuracy)
     step = max(1, _RAYS // len(directions))
-    for first in range(0, len(points_m), step):
+    for first in range(0, len(at), step):
         part = slice(first, first + step)
-        camera = np.broadcast_to(towards, points_m.shape)[part]
-        where = points_m[part], normals[part], camera
-        total[part] = (solid_sr / math.pi) * _gathered(
-            terrain, light, *where, directions, model, brightness
-        )
+        found = _gathered(terrain, light, at.some(part), directions, model, brightness)
+        total[part] = (solid_sr / math.pi) * found
     return total
 
 
@@ -108,12 +103,11 @@ def bounced_sample(
     points = np.stack([x, y, field.z_m[np.ix_(rows, cols)].astype(np.float64)], -1).reshape(-1, 3)
     normals = field.normals_at(points[:, 0], points[:, 1])
     known = np.isfinite(normals).all(axis=-1)
-    points, normals = points[known], normals[known]
-    direct = _direct(terrain, light, points, normals, towards, model, None)
-    lit = _reached(terrain, light.first, points, normals)
+    at = SurfacePoints(points[known], normals[known], towards)
+    direct = _direct(terrain, light, at, model, None)
+    lit = _reached(terrain, light.first, at)
     white = float(np.percentile(direct[lit], _WHITE_PERCENTILE)) if lit.any() else 0.0
-    dark = points[~lit], normals[~lit]
-    found = bounced_at_points(terrain, light, *dark, towards, model, TIERS["draft"])
+    found = bounced_at_points(terrain, light, at.some(~lit), model, TIERS["draft"])
     if not found.size:
         return BouncedSample(0, 0.0, 0.0, white)
     return BouncedSample(found.size, float(found.max()), float(found.mean()), white)
@@ -152,58 +146,54 @@ def _directions(field: Heightfield, accuracy: Accuracy) -> tuple[Array, float]:
 def _gathered(
     terrain: Terrain,
     light: Lighting,
-    points: Array,
-    normals: Array,
-    towards: Array,
+    at: SurfacePoints,
     directions: Array,
     model: Reflectance,
     brightness: Brightness | None,
 ) -> Array:
-    """Sum over the directions of the radiance of points (n,) by the ground there, times pi over the
+    """Sum over the directions of the radiance of points, (n,), by the ground there, times pi over the
     solid angle of a direction.
     """
-    cosines = normals @ directions.T
+    cosines = at.normals @ directions.T
     point, k = np.nonzero(cosines > 0.0)
-    hits = terrain.field.meetings(points[point], directions[k])
+    hits = terrain.field.meetings(at.points_m[point], directions[k])
     met = np.isfinite(hits[:, 2])
     point, k, hits = point[met], k[met], hits[met]
     faces = terrain.field.normals_at(hits[:, 0], hits[:, 1])
     back = -directions[k]
     met = np.sum(faces * back, axis=-1) > 0.0  # False without a normal
     point, k, hits, faces, back = point[met], k[met], hits[met], faces[met], back[met]
-    arriving = _direct(terrain, light, hits, faces, back, model, brightness)
+    arriving = _direct(terrain, light, SurfacePoints(hits, faces, back), model, brightness)
     lit = arriving > 0.0
     point, k, arriving = point[lit], k[lit], arriving[lit]
-    emission = np.sum(normals * towards, axis=-1)[point]
-    phase = np.sum(directions[k] * towards[point], axis=-1)
+    emission = np.sum(at.normals * at.towards, axis=-1)[point]
+    phase = np.sum(directions[k] * at.towards[point], axis=-1)
     angles = (
         np.arccos(np.clip(cosine, -1.0, 1.0)) for cosine in (cosines[point, k], emission, phase)
     )
     factors = radiance_factor(model, *angles)
-    return np.asarray(np.bincount(point, arriving * factors, len(points)), dtype=np.float64)
+    return np.asarray(np.bincount(point, arriving * factors, len(at)), dtype=np.float64)
 
 
 def _direct(
     terrain: Terrain,
     light: Lighting,
-    points: Array,
-    normals: Array,
-    towards: Array,
+    at: SurfacePoints,
     model: Reflectance,
     brightness: Brightness | None,
 ) -> Array:
-    """Radiance factor (n,) of points under the sources, seen in directions (3,) or (n, 3)."""
-    total = np.zeros(len(points))
+    """Radiance factor (n,) of points under the sources."""
+    total = np.zeros(len(at))
     for source in light.sources:
         if source.irradiance > 0.0:
-            lit, sun = _reached(terrain, source, points, normals), source.direction.vector
-            total += source.irradiance * radiance_under(normals, sun, towards, lit, model)
-    return total if brightness is None else total * brightness(points)
+            lit, sun = _reached(terrain, source, at), source.direction.vector
+            total += source.irradiance * radiance_under(at.normals, sun, at.towards, lit, model)
+    return total if brightness is None else total * brightness(at.points_m)
 
 
-def _reached(terrain: Terrain, source: LightSource, points: Array, normals: Array) -> Mask:
+def _reached(terrain: Terrain, source: LightSource, at: SurfacePoints) -> Mask:
     """True for points that a source's centre reaches, (n,)."""
     sun = source.direction.vector
-    lit = normals @ sun > 0.0
-    lit[lit] = ~HorizonPoints(terrain.field, points[lit], terrain.far).occluded(sun)
+    lit = at.normals @ sun > 0.0
+    lit[lit] = ~HorizonPoints(terrain.field, at.points_m[lit], terrain.far).occluded(sun)
     return np.asarray(lit)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
-from ..cameras.view import View
+from ..cameras.view import CameraView, View
 from ..geometry.frames import direction_enu_rad
 from ..kernels.photometry import sky as kernel
 from ..photometry.laws import Reflectance
@@ -32,6 +32,7 @@ from ..terrain.occlusion import occluded_sweep
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .environment_map import Panorama
+from .surface_points import SurfacePoints
 
 BETWEEN_NODES_RMS = 0.009
 """Additional rms error of draft and standard in a camera's plane, as a share of the mean radiance:
@@ -117,19 +118,22 @@ def sky_at_nodes(
         window = (row, min(row + step, row1), col0, col1)
         block = out[row - row0 : window[1] - row0]
         lights = _over_nodes(terrain, samples, window, hiding)
-        normals, law = terrain.field.normals(window), (model.code, model.numbers)
-        if view.direction is not None and not accuracy.float64:
+        normals, light = terrain.field.normals(window), samples.irradiance
+        if not isinstance(view, CameraView) and not accuracy.float64:
             planes, camera = _planes(normals), np.asarray(view.direction, dtype=np.float64)
             for directions, dark in lights:
-                how = directions, dark, samples.irradiance, *law
-                kernel.add_to_planes(planes, camera, *how, block)
+                kernel.add_to_planes(
+                    planes, camera, directions, dark, light, model.code, model.numbers, block
+                )
             block[np.isnan(planes[0])] = np.nan
             continue
         cameras = _cameras(view, nodes_enu(terrain.field, window))
-        total = np.zeros(block.size)
+        total, flat = np.zeros(block.size), normals.reshape(-1, 3)
         for directions, dark in lights:
-            how = directions, dark.reshape(len(dark), -1), samples.irradiance, *law
-            kernel.add_to_nodes(normals.reshape(-1, 3), cameras, *how, total)
+            hidden = dark.reshape(len(dark), -1)
+            kernel.add_to_nodes(
+                flat, cameras, directions, hidden, light, model.code, model.numbers, total
+            )
         block[...] = total.reshape(block.shape)
     return out
 
@@ -137,31 +141,31 @@ def sky_at_nodes(
 def sky_at_points(
     terrain: Terrain,
     panorama: Panorama,
-    points_m: Array,
-    normals: Array,
-    towards: Array,
+    at: SurfacePoints,
     model: Reflectance,
     accuracy: Accuracy,
     shadows: bool = True,
 ) -> Array:
-    """Radiance (n,) at ENU points (n, 3) of the surface, with their normals and their directions to
-    the camera (n, 3). In draft and standard, the visible sky is interpolated between the
-    surrounding nodes; otherwise it is traced from each point.
+    """Radiance (n,) at n points of the surface, each seen in its own direction. In draft and standard,
+    the visible sky is interpolated between the surrounding nodes; otherwise it is traced from each
+    point.
     """
-    total = np.zeros(len(points_m))
-    if not len(points_m):
+    total = np.zeros(len(at))
+    if not len(at):
         return total
-    samples, law = samples_of(panorama, accuracy), (model.code, model.numbers)
-    facing = np.ascontiguousarray(normals), np.ascontiguousarray(towards)
+    samples, points_m = samples_of(panorama, accuracy), at.points_m
+    code, numbers = model.code, model.numbers
+    normals, towards = np.ascontiguousarray(at.normals), np.ascontiguousarray(at.towards)
     if shadows and accuracy.sky_tier == "draft":
         field = terrain.field
         u = (points_m[:, 0] - field.x0_m) / field.gsd_m
         v = (field.y0_m - points_m[:, 1]) / field.gsd_m
         window = (*_span(v, field.shape[0]), *_span(u, field.shape[1]))
-        place = u - window[2], v - window[0]
+        u, v = u - window[2], v - window[0]
         for directions, dark in _over_nodes(terrain, samples, window, TIERS["draft"]):
-            lights = directions, dark, samples.irradiance
-            kernel.add_to_points(*place, *facing, *lights, *law, total)
+            kernel.add_to_points(
+                u, v, normals, towards, directions, dark, samples.irradiance, code, numbers, total
+            )
         return total
     points = HorizonPoints(terrain.field, points_m, terrain.far)
     for k in range(len(samples.azimuths)):
@@ -169,7 +173,9 @@ def sky_at_points(
         dark = np.zeros((len(directions), len(points)), dtype=np.uint8)
         for n, direction in enumerate(directions if shadows else ()):
             dark[n] = points.occluded(direction)
-        kernel.add_to_nodes(*facing, directions, dark, samples.irradiance, *law, total)
+        kernel.add_to_nodes(
+            normals, towards, directions, dark, samples.irradiance, code, numbers, total
+        )
     return total
 
 
@@ -180,7 +186,7 @@ def _planes(normals: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def _cameras(view: View, points_m: Array) -> Array:
     """Directions to the camera: one for all (1, 3), or one for each point (n, 3)."""
-    towards = view.directions(points_m) if view.direction is None else view.direction
+    towards = view.directions(points_m) if isinstance(view, CameraView) else view.direction
     return np.ascontiguousarray(towards, dtype=np.float64).reshape(-1, 3)
 
 
@@ -195,8 +201,8 @@ def _over_nodes(
     for k, azimuth in enumerate(samples.azimuths):
         dark = nothing
         if hiding is not None:
-            sky = float(azimuth), samples.elevations[k], hiding
-            dark = occluded_sweep(terrain.field, *sky, window, terrain.far)
+            rise = samples.elevations[k]
+            dark = occluded_sweep(terrain.field, float(azimuth), rise, hiding, window, terrain.far)
         yield samples.directions(k), np.ascontiguousarray(dark)
 
 

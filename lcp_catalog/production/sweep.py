@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..accuracy import Accuracy
 from ..arrays import Array, Float32, Index, Mask
-from ..cameras.view import View, slant_range_m
+from ..cameras.view import CameraView, ParallelView, slant_range_m
 from ..ephemeris.reachable import reachable_suns
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
@@ -164,7 +164,7 @@ def plan_area(
     lowest_deg = conditions.sun_elevation_deg[conditions.reachable.any(axis=1)]
     sun = direction_enu(0.0, min(lowest_deg, default=conditions.sun_elevation_deg[0]))
     off_nadir_deg = lowest_off_nadir_deg(config)
-    view = View(direction=direction_enu(0.0, 90.0 - off_nadir_deg))
+    view = ParallelView(direction_enu(0.0, 90.0 - off_nadir_deg))
     plan = plan_scene(
         terrain,
         sun,
@@ -321,7 +321,7 @@ class Sweep:
         camera = self.camera_m(view)
         if camera is not None and view not in self._towards:
             nodes = nodes_enu(self.field, self.window)
-            towards = View(position_m=camera).directions(nodes).astype(np.float32)
+            towards = CameraView(camera).directions(nodes).astype(np.float32)
             self._towards[view] = planes_of(towards)
         return self._towards.get(view)
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
-from ..cameras.view import View, finest_pixel_m
+from ..cameras.view import CameraView, ScannerView, View, finest_pixel_m
 from ..constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from ..kernels.photometry.laws import LAMBERT, LOMMEL_SEELIGER
 from ..light.solar_disc import penumbra_m
@@ -54,9 +54,9 @@ def pixel_m(relief: Relief, view: View, in_camera_plane: bool) -> float:
     """Size of the finest pixel of a render on the surface, metres: a cell, or the width of a camera's
     pixel at the nearest corner of the core's box (foreshortening increases it).
     """
-    if in_camera_plane and view.scanner is not None:
+    if in_camera_plane and isinstance(view, ScannerView):
         return finest_pixel_m(view.scanner)
-    if not in_camera_plane or view.camera is None or view.position_m is None:
+    if not in_camera_plane or not isinstance(view, CameraView) or view.camera is None:
         return relief.gsd_m
     nearest = np.clip(view.position_m, relief.box.low_m, relief.box.high_m)
     return float(np.linalg.norm(view.position_m - nearest)) / view.camera.focal_length_px
@@ -67,14 +67,13 @@ def parallel_direction(box: Box, view: View) -> Array:
     return np.asarray(view.directions(box.middle_m))
 
 
-def ray_angle_rad(box: Box, view: View) -> float:
+def ray_angle_rad(box: Box, view: CameraView) -> float:
     """Greatest angle between `parallel_direction` and the direction from any point of a core's box to a
     camera at a finite position; pi if the camera is too near for a bound.
 
     Directions within an angle below 90 deg of an axis form a convex cone with its apex at the camera;
     it contains a box if it contains the corners.
     """
-    assert view.position_m is not None
     if np.linalg.norm(view.position_m - box.middle_m) == 0.0:
         return math.pi
     axis = parallel_direction(box, view)

@@ -6,9 +6,8 @@ import math
 
 import numpy as np
 
-from ..cameras.frame_camera import Camera
 from ..cameras.sensor import Sensor
-from ..cameras.view import View, footprint, looking_camera
+from ..cameras.view import CameraView, View, footprint, looking_camera
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, CameraError
@@ -46,8 +45,8 @@ def area_of(request: Request, dems: DemSet) -> tuple[Area, bool]:
         )
     if request.area is not None:
         return request.area, False
-    if request.view.looks is not None:
-        return _seen_area(request, request.view.looks, dems), True
+    if request.view.sensor is not None:
+        return _seen_area(request, request.view.sensor, dems), True
     return _box_area(dems.bounds, request), False
 
 
@@ -55,7 +54,7 @@ def place_in_view(request: Request, area: AreaInView, dems: DemSet | None) -> tu
     """Longitude and latitude of the centre of an area in the view of a request's camera. AreaError if
     there is no camera, or if it sees nothing of the DEM; CameraError if it sees nothing of the Moon.
     """
-    looks = request.view.looks
+    looks = request.view.sensor
     if looks is None:
         raise AreaError("an area around a camera's view needs a camera")
     if area.axis:
@@ -115,11 +114,13 @@ def require_extent(extent_m: Extent) -> None:
         )
 
 
-def camera_over(frame: EnuFrame, view: View, gsd_m: float, extent_m: Extent) -> Camera:
-    if view.position_m is None:
+def camera_over(frame: EnuFrame, view: View, gsd_m: float, extent_m: Extent) -> CameraView:
+    """The view from a position through a camera that shows an extent. CameraError for another view."""
+    if not isinstance(view, CameraView):
         raise CameraError("a camera at infinity has no plane: state its altitude, or a camera")
     size_m = (extent_m[1] - extent_m[0], extent_m[3] - extent_m[2])
-    return looking_camera(frame, view.position_m, gsd_m, size_m)
+    camera = looking_camera(frame, view.position_m, gsd_m, size_m)
+    return CameraView(view.position_m, camera)
 
 
 def cells_extent(window: NodeWindow, gsd_m: float) -> Extent:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
-from ..cameras.view import View
+from ..cameras.view import CameraView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
 from ..dem.consistency import warn_of_disagreements
 from ..dem.mosaic import DemSet
@@ -124,7 +124,7 @@ class HeightfieldScene:
         request = self.request
         if not request.in_camera_plane:
             return render_enu(self.terrain, self.light, self.view, **self._how)
-        if self.view.scanner is not None:
+        if isinstance(self.view, ScannerView):
             return self.picture(self.view.scanner)
         result = self.picture(self.camera)
         if request.backdrop is None:
@@ -196,12 +196,12 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
         sphere_may_do=request.surface == "auto"
         and _sun_alone(light)
         and not request.backdrop
-        and view.scanner is None,
+        and not isinstance(view, ScannerView),
         words=decisions.LightWords.of(light),
         scattered=_bounced(request, terrain, light, view, choice.model),
     )
     others, moving = [*_of_light(request, light, view)], None
-    if view.scanner is not None:
+    if isinstance(view, ScannerView):
         moving, motion = MovingSun.of(request, area.frame, light)
         others.append(motion)
     plan = replace(plan, others=(*plan.others, *others))
@@ -246,7 +246,7 @@ def _ground(
     require_extent(extent)
     require_room(NodeWindow.covering(extent, gsd_m))
     if request.in_camera_plane and request.view.plane is None:
-        view = replace(view, camera=camera_over(frame, view, gsd_m, extent))
+        view = camera_over(frame, view, gsd_m, extent)
     coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
     if grows:
         extent = grown(extent, height_reach_m(coarse, view))
@@ -312,11 +312,8 @@ def _bounced(
     """The decision about light that reaches ground by way of other ground."""
     sample = None
     if request.bounce != "off" and light.first.irradiance > 0.0:
-        towards = (
-            parallel_view(terrain, view).direction if view.direction is None else view.direction
-        )
-        assert towards is not None
-        sample = bounced_sample(terrain, light, towards, model)
+        one_way = parallel_view(terrain, view) if isinstance(view, CameraView) else view
+        sample = bounced_sample(terrain, light, one_way.direction, model)
     bound = bounced_bound(terrain.field, model)
     words, rms = decisions.LightWords.of(light), BOUNCE_RMS[request.accuracy.tier]
     return decisions.bounced_light(request.bounce, words, bound, sample, rms)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
-from ..cameras.view import View
+from ..cameras.view import CameraView, MovingView, ParallelView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
 from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -196,9 +196,9 @@ def _occlusion(
     if in_camera_plane:
         reason = "every pixel's ray is traced to its first hit"
         return Decision("occlusion", True, reason, 0.0, "share of nodes")
-    if view.direction is not None and view.scanner is None and is_vertical(view.direction):
+    if isinstance(view, ParallelView | MovingView) and is_vertical(view.direction):
         return effects.straight_down()
-    own = view.direction is None or view.scanner is not None
+    own = isinstance(view, CameraView | ScannerView)
     rays = EVERY_NODE if own else RayMethod.of(accuracy)
     what = "the lowest view's elevation" if lowest else "the camera's least elevation"
     return effects.hiding("occlusion", what, least_tangent, slope, rays)
@@ -219,18 +219,18 @@ def _perspective(
 ) -> Decision:
     if in_camera_plane:
         return effects.perspective_of_pixels()
-    if view.towards is not None:
+    if isinstance(view, MovingView | ScannerView):
         return effects.perspective_of_nodes()
-    if view.direction is not None:
+    if isinstance(view, ParallelView):
         return effects.perspective_of_infinity()
     angle = ray_angle_rad(found.box, view)
     error = parallel_error(found, angle, least_tangent, model)
     return effects.perspective(angle, error, accuracy)
 
 
-def parallel_view(terrain: Terrain, view: View) -> View:
+def parallel_view(terrain: Terrain, view: CameraView) -> ParallelView:
     """The parallel view in the direction from the middle of the core to a camera."""
-    return View(direction=parallel_direction(core_box(terrain), view), camera=view.camera)
+    return ParallelView(parallel_direction(core_box(terrain), view), view.camera)
 
 
 def choose_model(
@@ -250,8 +250,7 @@ def choose_model(
     points = points.reshape(-1, 3)[np.isfinite(points.reshape(-1, 3)[:, 2])]
     cameras = view.directions(points) if len(points) else np.array([[0.0, 0.0, 1.0]])
     cameras = np.broadcast_to(cameras, (max(1, len(points)), 3))
-    if view.scanner is not None:  # points beyond its image have no direction
-        assert view.direction is not None
+    if isinstance(view, ScannerView):  # points beyond its image have no direction
         cameras = np.where(np.isnan(cameras), view.direction, cameras)
     suns = np.broadcast_to(sun, cameras.shape)
     return choose(accuracy, suns[None], cameras[None], slope_rms, asked)

@@ -20,7 +20,7 @@ from ..terrain.area import Area
 from .output import encode
 from .pipeline import prepare
 from .renderer import Rendering
-from .request import Request, ViewChoice
+from .request import Request, ViewAngles, ViewChoice
 
 
 def render(
@@ -125,14 +125,14 @@ def render(
     if output is not None:
         check_output(output, overwrite)
     seen = None if camera is None else rendered_sensor(camera)
-    angles = ViewChoice(None, off_nadir_deg, view_azimuth_deg, altitude_km)
+    angles = ViewAngles(off_nadir_deg, view_azimuth_deg, altitude_km)
     scene = prepare(
         Request(
             dems=dem_set(dem, product_order) if dem else None,
             area=Area.chosen(center_deg, size_km, bounds_deg),
             gsd_m=gsd_m,
             sun=SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg),
-            view=angles if seen is None else ViewChoice.of(seen),
+            view=ViewChoice(seen or angles),
             in_camera_plane=camera_plane,
             model=law_of(reflectance),
             accuracy=accuracy_of(accuracy, tolerance),

@@ -25,7 +25,7 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
-from ..cameras.view import View, camera_view, sensor_view
+from ..cameras.view import CameraView, ParallelView, ScannerView, View, camera_view, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
 from ..light.above_horizon import light_above_horizon
@@ -33,6 +33,7 @@ from ..light.bounced_light import Brightness, bounced_at_points
 from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, LightSource
+from ..light.surface_points import SurfacePoints
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
 from ..terrain.horizons import HorizonPoints
@@ -113,33 +114,29 @@ def render_enu(
         for source, cast in _planned(light, plan, shadows)
     ]
     sunlit = lights[0][1]
-    seen = np.ones(sunlit.shape, dtype=np.bool_)
-    if plan.occlusion.modelled and view.scanner is None:
-        seen = ~_hidden(terrain, view, accuracy)
-    parallel = view if plan.perspective.modelled else _parallel(terrain, view)
-    one_way = parallel.direction is not None and parallel.towards is None
-    quick = not accuracy.float64 and one_way and not view.camera
+    seen = ~_hidden(terrain, view, plan, accuracy)
+    parallel = _as_planned(terrain, view, plan)
+    one_way = parallel.direction if isinstance(parallel, ParallelView) else None
+    quick = None if accuracy.float64 or view.camera else one_way
     angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
     for row in range(row0, row1, _BLOCK_ROWS):  # limits the memory for float64 vectors
         window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
         rows = slice(window[0] - row0, window[1] - row0)
         stored = field.normals(window)
-        if quick:
-            bands = _bands_parallel(stored, lights, rows, parallel, seen, model)
+        if quick is not None:
+            bands = _bands_parallel(stored, lights, rows, quick, seen, model)
             for band, values in zip(angles, bands, strict=True):
                 band[rows] = values
             continue
         points, normals = nodes_enu(field, window), stored.astype(np.float64)
-        towards = parallel.direction if one_way else view.directions(points)
-        assert towards is not None
+        towards = view.directions(points) if one_way is None else one_way
         sunlit[rows] *= np.sum(normals * sun, axis=-1) > 0
         seen[rows] &= np.sum(normals * towards, axis=-1) > 0
-        if view.scanner is not None and plan.occlusion.modelled:
+        if isinstance(view, ScannerView) and plan.occlusion.modelled:
             seen[rows] &= ~field.occluded_nodes_towards(towards, window)
-        sensor = view.camera or view.scanner
-        if sensor is not None:
-            pixels = sensor.project(terrain.frame.to_mcmf(points))
-            seen[rows] &= sensor.in_image(pixels)
+        if view.sensor is not None:
+            pixels = view.sensor.project(terrain.frame.to_mcmf(points))
+            seen[rows] &= view.sensor.in_image(pixels)
         first = light.first.irradiance * sunlit[rows]
         bands = _bands(normals, sun, towards, first, seen[rows], model)
         for source, share in lights[1:]:
@@ -148,8 +145,10 @@ def render_enu(
             band[rows] = values
     radiance, incidence, emission, phase = angles
     radiance += _under_sky(terrain, light, parallel, model, accuracy, shadows)
-    where = terrain, light, parallel, plan
-    _bounce_at_nodes(*where, model, accuracy, albedo, radiance, seen & ~(sunlit > 0.0))
+    if plan.bounces:
+        dark = seen & ~(sunlit > 0.0) & np.isfinite(radiance)
+        at, ground = _nodes_at(terrain, parallel, dark), _brightness(terrain, albedo)
+        radiance[dark] += bounced_at_points(terrain, light, at, model, accuracy, ground)
     colour = None
     if albedo is not None:
         radiance, colour = in_colour(radiance * albedo.at_nodes(terrain))
@@ -201,13 +200,13 @@ def render_camera(
         share = _share_at_points(terrain, points, normals, source, cast, accuracy)
         bands[0][...] += _radiance(normals, source, -rays, share, model)
     if light.sky is not None:
-        where = points[seen], normals[seen], -rays[seen]
-        bands[0][seen] += sky_at_points(terrain, light.sky, *where, model, accuracy, shadows)
+        at = SurfacePoints(points[seen], normals[seen], -rays[seen])
+        bands[0][seen] += sky_at_points(terrain, light.sky, at, model, accuracy, shadows)
     if plan.bounces:
         dark = seen & (sunlit == 0.0)
-        where = points[dark], normals[dark], -rays[dark]
-        how = model, accuracy, _brightness(terrain, albedo)
-        bands[0][dark] += bounced_at_points(terrain, light, *where, *how)
+        at = SurfacePoints(points[dark], normals[dark], -rays[dark])
+        ground = _brightness(terrain, albedo)
+        bands[0][dark] += bounced_at_points(terrain, light, at, model, accuracy, ground)
     radiance: Band = bands[0]
     colour = None
     if albedo is not None:
@@ -219,33 +218,12 @@ def render_camera(
     return Rendering(radiance, sunlit, seen, *bands[1:], position_mcmf_m=position, colour=colour)
 
 
-def _bounce_at_nodes(
-    terrain: Terrain,
-    light: Lighting,
-    view: View,
-    plan: ScenePlan,
-    model: Reflectance,
-    accuracy: Accuracy,
-    albedo: Albedo | None,
-    radiance: Band,
-    dark: Mask,
-) -> None:
-    """Add one bounce to the radiance of the core's nodes in a mask, if the plan says so."""
-    if not plan.bounces:
-        return
-    dark = dark & np.isfinite(radiance)
-    points = nodes_enu(terrain.field, terrain.core)[dark]
-    normals = terrain.field.normals(terrain.core)[dark].astype(np.float64)
-    towards = _cameras(view, points)
-    how = model, accuracy, _brightness(terrain, albedo)
-    radiance[dark] += bounced_at_points(terrain, light, points, normals, towards, *how)
-
-
-def _cameras(view: View, points: Array) -> Array:
-    """Directions from points (n, 3) to the camera, (3,) or (n, 3)."""
-    if view.direction is not None and view.towards is None:
-        return view.direction
-    return np.asarray(view.directions(points))
+def _nodes_at(terrain: Terrain, view: View, which: Mask) -> SurfacePoints:
+    """Nodes of the core, those of a mask, as a view sees them."""
+    points = nodes_enu(terrain.field, terrain.core)[which]
+    normals = terrain.field.normals(terrain.core)[which].astype(np.float64)
+    one_way = view.direction if isinstance(view, ParallelView) else None
+    return SurfacePoints(points, normals, view.directions(points) if one_way is None else one_way)
 
 
 def _brightness(terrain: Terrain, albedo: Albedo | None) -> Brightness | None:
@@ -269,7 +247,7 @@ def in_colour(radiance: Band) -> tuple[Band, Band | None]:
 
 def check_camera(terrain: Terrain, view: View) -> None:
     """Raise CameraError for a camera below the terrain's surface."""
-    if view.position_m is None:
+    if not isinstance(view, CameraView):
         return
     x, y, z = view.position_m
     ground = float(terrain.field.heights_at(x, y))
@@ -334,15 +312,22 @@ def _share_at_points(
     return share
 
 
-def _parallel(terrain: Terrain, view: View) -> View:
-    """The parallel view; a view from infinity is already parallel."""
-    return view if view.direction is not None else parallel_view(terrain, view)
+def _as_planned(terrain: Terrain, view: View, plan: ScenePlan) -> View:
+    """The view itself, or the parallel view in its place where the plan leaves the perspective out."""
+    if plan.perspective.modelled or not isinstance(view, CameraView):
+        return view
+    return parallel_view(terrain, view)
 
 
-def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
-    if view.direction is not None:
+def _hidden(terrain: Terrain, view: View, plan: ScenePlan, accuracy: Accuracy) -> Mask:
+    """The core's nodes that terrain hides from a view, without those that only a scanner's own directions
+    tell.
+    """
+    if isinstance(view, ScannerView) or not plan.occlusion.modelled:
+        row0, row1, col0, col1 = terrain.core
+        return np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
+    if not isinstance(view, CameraView):
         return occluded(terrain.field, view.direction, accuracy, terrain.core)
-    assert view.position_m is not None
     return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
 
 
@@ -384,21 +369,20 @@ def _bands_parallel(
     normals: NDArray[np.float32],
     lights: list[tuple[LightSource, Band]],
     rows: slice,
-    view: View,
+    towards: Array,
     seen: Mask,
     model: Reflectance,
 ) -> tuple[Band, Band, Band, Band]:
     """`_bands` of some rows in single precision, under all sources with their shares (rows, cols). The
     share of the first source and ``seen`` are updated in place.
     """
-    assert view.direction is not None
     weights: list[tuple[Array, Band | Mask]] = [
         (s.direction.vector, np.float32(s.irradiance) * share[rows]) for s, share in lights
     ]
     first = lights[0][0]
     if len(lights) == 1 and first.disc is None and first.irradiance == 1.0:
         weights = [(first.direction.vector, lights[0][1][rows] > 0.0)]
-    bands = bands_of_nodes(normals, weights, view.direction, model)
+    bands = bands_of_nodes(normals, weights, towards, model)
     lights[0][1][rows] *= bands.lit_side
     seen[rows] &= bands.near_side
     bands.radiance[~seen[rows]] = np.nan

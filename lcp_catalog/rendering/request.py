@@ -8,7 +8,7 @@ from ..accuracy import TIERS, Accuracy
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
-from ..cameras.view import View, camera_view, oblique_view, sensor_view
+from ..cameras.view import View, oblique_view, sensor_view
 from ..choices import GSD_MAX_M, SURFACES
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, DemError
@@ -27,31 +27,36 @@ from .sphere_extent import SphereArea
 
 
 @dataclass(frozen=True)
-class ViewChoice:
-    """The view of a request: a framing camera, another sensor, or angles at the area's centre in degrees
-    (without an altitude from infinity). By default straight down.
+class ViewAngles:
+    """A view by its angles at the area's centre, degrees; without an altitude from infinity. By default
+    straight down.
     """
 
-    camera: Camera | None = None
     off_nadir_deg: float = 0.0
     view_azimuth_deg: float = 0.0
     altitude_km: float | None = None
-    sensor: Sensor | None = None
 
-    @classmethod
-    def of(cls, sensor: Sensor) -> ViewChoice:
-        """The view of a framing camera or another sensor."""
-        return cls(sensor) if isinstance(sensor, Camera) else cls(sensor=sensor)
+
+@dataclass(frozen=True)
+class ViewChoice:
+    """The view of a request: a framing camera, another sensor, or angles."""
+
+    seen_by: Sensor | ViewAngles = ViewAngles()
 
     @property
-    def looks(self) -> Camera | Sensor | None:
-        """The camera or the other sensor, if there is one."""
-        return self.camera or self.sensor
+    def sensor(self) -> Sensor | None:
+        """The framing camera or other sensor, if there is one."""
+        return None if isinstance(self.seen_by, ViewAngles) else self.seen_by
+
+    @property
+    def camera(self) -> Camera | None:
+        """The sensor, if it is a framing camera."""
+        return self.seen_by if isinstance(self.seen_by, Camera) else None
 
     @property
     def scanner(self) -> Scanner | None:
         """The sensor, if it is a scanner."""
-        return self.sensor if isinstance(self.sensor, Scanner) else None
+        return self.seen_by if isinstance(self.seen_by, Scanner) else None
 
     @property
     def plane(self) -> Camera | Scanner | None:
@@ -60,12 +65,11 @@ class ViewChoice:
 
     def view(self, frame: EnuFrame) -> View:
         """The view in the axes of an area's frame."""
-        if self.sensor is not None:
-            return sensor_view(self.sensor, frame)
-        if self.camera is not None:
-            return camera_view(self.camera, frame)
-        altitude_m = None if self.altitude_km is None else 1e3 * self.altitude_km
-        return oblique_view(self.off_nadir_deg, self.view_azimuth_deg, altitude_m)
+        if not isinstance(self.seen_by, ViewAngles):
+            return sensor_view(self.seen_by, frame)
+        altitude_km = self.seen_by.altitude_km
+        altitude_m = None if altitude_km is None else 1e3 * altitude_km
+        return oblique_view(self.seen_by.off_nadir_deg, self.seen_by.view_azimuth_deg, altitude_m)
 
 
 @dataclass(frozen=True)
@@ -128,7 +132,7 @@ class Request:
         """
         if self.environment is not None:
             return self.environment.lighting
-        camera = self.view.looks
+        camera = self.view.sensor
         to_sun = self.sun.direction_mcmf(frame, camera)
         disc = self.sun.disc(frame, camera) if self.sun_is_disc else False
         light = Lighting.of_sun(Direction.from_mcmf(to_sun, frame), disc)

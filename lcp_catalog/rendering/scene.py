@@ -81,7 +81,7 @@ def require_visible(scene: Scene, result: Rendering) -> Rendering:
     if ground is visible and none of it is lit.
     """
     if not result.visible.any() and scene.request.backdrop is None:
-        camera = scene.view.camera or scene.view.scanner
+        camera = scene.view.sensor
         if scene.view.camera and scene.request.area is None and scene.request.dems is None:
             raise sees_nothing(scene.view.camera)
         raise CameraError(

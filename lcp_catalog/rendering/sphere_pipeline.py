@@ -12,7 +12,7 @@ import numpy as np
 from ..accuracy import TIERS
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
-from ..cameras.view import View, camera_view
+from ..cameras.view import View
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..errors import AreaError
 from ..geometry import sphere_intersection
@@ -106,7 +106,7 @@ def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
         gsd_m, extent = _cell(gsd_m), _drawn(extent)
         require_room(NodeWindow.covering(extent, gsd_m))
         if request.in_camera_plane:
-            view = camera_view(camera_over(frame, view, gsd_m, extent), frame)
+            view = camera_over(frame, view, gsd_m, extent)
             extent = cells_extent(NodeWindow.covering(extent, gsd_m), gsd_m)
     light = request.lighting(frame)
     points, towards, pixel_m = _sample(request, frame, view, gsd_m, extent)

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
-from ..cameras.view import View
+from ..cameras.view import CameraView, View
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError, SunError
 from ..geometry import sphere_intersection
@@ -185,7 +185,7 @@ def share_and_cosine(sine: Array, source: LightSource) -> tuple[Array, Array]:
 
 def check_camera(frame: EnuFrame, view: View) -> None:
     """Raise CameraError for a camera below the sphere."""
-    if view.position_m is None:
+    if not isinstance(view, CameraView):
         return
     name = view.camera.name if view.camera else "the view"
     require_above(name, float(sphere_intersection.heights(frame.to_mcmf(view.position_m))))

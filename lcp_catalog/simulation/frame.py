@@ -33,7 +33,7 @@ from ..images.image import Image
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..rendering.pipeline import HeightfieldScene, prepare_terrain
-from ..rendering.request import Request, ViewChoice
+from ..rendering.request import Request, ViewAngles, ViewChoice
 from .detector import Detector, Numbers, gathered, response
 
 Taking = TypeVar("Taking", bound=Camera | Scanner)
@@ -77,9 +77,9 @@ class DemSurface:
         camera = request.view.plane
         if camera is None:
             raise CameraError("a frame needs a camera; the request has none")
-        wide = ViewChoice(grown(camera, margin_px) if isinstance(camera, Camera) else None)
+        wide = ViewChoice(grown(camera, margin_px) if isinstance(camera, Camera) else ViewAngles())
         if isinstance(camera, Scanner):
-            wide = ViewChoice(sensor=camera.around(margin_px))
+            wide = ViewChoice(camera.around(margin_px))
         scene = prepare_terrain(
             replace(request, view=wide, in_camera_plane=True, surface="heightfield")
         )

@@ -128,7 +128,7 @@ def simulate(
             dems=dem_set(source, product_order),
             gsd_m=gsd_m,
             sun=sun,
-            view=ViewChoice.of(seen),
+            view=ViewChoice(seen),
             albedo=open_grey_map(albedo) if isinstance(albedo, Path | str) else albedo,
             bounce=bounce,
             model=law_of(reflectance),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..cameras.view import View
+from ..cameras.view import CameraView, ScannerView, View
 from .heightfield import Heightfield, Window
 from .terrain import Terrain
 
@@ -141,11 +141,10 @@ def lowest_view_tangent(view: View, points_m: Array) -> float:
     """Tangent of the camera's least elevation as seen from ENU points (..., 3); inf without a
     point.
     """
-    if view.lowest_tangent is not None:
+    if isinstance(view, ScannerView):
         return view.lowest_tangent
-    if view.direction is not None:
+    if not isinstance(view, CameraView):
         return tangent_of(view.direction)
-    assert view.position_m is not None
     height = view.position_m[2] - points_m[..., 2]
     away = np.hypot(view.position_m[0] - points_m[..., 0], view.position_m[1] - points_m[..., 1])
     with np.errstate(divide="ignore"):
@@ -156,7 +155,7 @@ def lowest_view_tangent(view: View, points_m: Array) -> float:
 
 def lowest_core_tangent(view: View, terrain: Terrain) -> float:
     """`lowest_view_tangent` of all nodes of a terrain's core."""
-    if view.direction is not None:
+    if not isinstance(view, CameraView):
         return lowest_view_tangent(view, np.empty((0, 3)))
     row0, row1, col0, col1 = terrain.core
     return min(

@@ -18,7 +18,7 @@ import numpy as np
 from ..accuracy import TIERS, Accuracy
 from ..arrays import Array, Index
 from ..cameras.frame_camera import Camera
-from ..cameras.view import View, sensor_view
+from ..cameras.view import CameraView, View, sensor_view
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
 from ..dem.effective_resolution import Resolution, of_file
@@ -164,16 +164,13 @@ def dem_request(image: Image, dems: DemSet, settings: RenderSettings) -> Request
     sensor = image.sensor.full
     if isinstance(sensor, Camera):
         sensor = replace(sensor, sun_position_mcmf_m=image.sun_position_mcmf_m)
-        view = ViewChoice(camera=sensor)
-    else:
-        view = ViewChoice(sensor=sensor)
     sun = SunChoice()
     if not isinstance(sensor, Camera) or image.sun_position_mcmf_m is None:
         sun = SunChoice(subsolar_deg=subsolar(image))
     return Request(
         dems,
         sun=sun,
-        view=view,
+        view=ViewChoice(sensor),
         model=settings.model,
         accuracy=settings.accuracy,
         albedo=settings.albedo,
@@ -294,4 +291,4 @@ def _pair(
 
 def _beyond_image(view: View) -> View:
     """The view without the image's borders; `orthorectify` decides which nodes are in the image."""
-    return replace(view, camera=None)
+    return CameraView(view.position_m) if isinstance(view, CameraView) else view

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.cameras.sensor import Reduced
-from lcp_catalog.cameras.view import View, camera_view, looking_camera, sensor_view
+from lcp_catalog.cameras.view import ParallelView, camera_view, looking_camera, sensor_view
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
@@ -43,7 +43,7 @@ def test_brightness_uses_the_direction_of_each_point(terrain, camera) -> None:
     assert both.mean() > 0.9
     assert np.allclose(seen.radiance[both], moving.radiance[both], rtol=1e-6)
     assert np.allclose(seen.emission_deg[both], moving.emission_deg[both], atol=1e-3)
-    one_way = View(direction=sensor_view(Reduced(camera, 1), FRAME).direction)
+    one_way = ParallelView(sensor_view(Reduced(camera, 1), FRAME).direction)
     parallel = render_enu(terrain, SUN, one_way, model=law).radiance
     assert np.abs(parallel[both] - seen.radiance[both]).max() > 1e-2 * seen.radiance[both].mean()
 

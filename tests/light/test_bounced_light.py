@@ -10,6 +10,7 @@ from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.bounced_light import bounced_at_points, bounced_bound, bounced_sample
 from lcp_catalog.light.sources import Lighting
+from lcp_catalog.light.surface_points import SurfacePoints
 from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
 from lcp_catalog.rendering import decisions
 from lcp_catalog.rendering.plan import plan_scene
@@ -93,7 +94,9 @@ def test_against_path_tracing_by_brute_force():
     _, points, normals = dark_nodes(terrain)
     some = np.linspace(0, len(points) - 1, 4).astype(int)
     light, high = Lighting.of_sun(SUN), TIERS["high"]
-    ours = bounced_at_points(terrain, light, points[some], normals[some], UP, LAMBERT, high)
+    ours = bounced_at_points(
+        terrain, light, SurfacePoints(points[some], normals[some], UP), LAMBERT, high
+    )
     rng = np.random.default_rng(5)
     judged = np.array([traced(terrain.field, points[k], normals[k], 1500, rng) for k in some])
     assert judged.min() > 1e-4
@@ -105,7 +108,9 @@ def test_tiers_agree_within_their_errors():
     terrain = crater()
     _, points, normals = dark_nodes(terrain)
     found = {
-        name: bounced_at_points(terrain, Lighting.of_sun(SUN), points, normals, UP, LAMBERT, tier)
+        name: bounced_at_points(
+            terrain, Lighting.of_sun(SUN), SurfacePoints(points, normals, UP), LAMBERT, tier
+        )
         for name, tier in TIERS.items()
     }
     exact = found["high"]
@@ -117,7 +122,7 @@ def test_tiers_agree_within_their_errors():
 def test_bright_ground_reflects_more_and_the_bound_holds():
     terrain = crater()
     _, points, normals = dark_nodes(terrain)
-    where = terrain, Lighting.of_sun(SUN), points, normals, UP
+    where = terrain, Lighting.of_sun(SUN), SurfacePoints(points, normals, UP)
     for name in ("lambert", "lommel-seeliger", "lunar-lambert", "hapke"):
         model = reflectance_model(name)
         one = bounced_at_points(*where, model, TIERS["draft"])
@@ -145,7 +150,9 @@ def test_the_plan_models_what_shows(depth_m, choice, modelled):
     how = {"model": LAMBERT, "accuracy": TIERS["standard"], "plan": plan}
     shot = render_enu(terrain, light, nadir_view(), **how)
     dark, points, normals = dark_nodes(terrain)
-    bounced = bounced_at_points(terrain, light, points, normals, UP, LAMBERT, TIERS["standard"])
+    bounced = bounced_at_points(
+        terrain, light, SurfacePoints(points, normals, UP), LAMBERT, TIERS["standard"]
+    )
     if modelled:
         assert shot.radiance[dark] == pytest.approx(bounced, rel=1e-5)
         assert (bounced > 0.0).any()

@@ -11,7 +11,7 @@ from helpers.environment_maps import Lamp, cie_sky, directions, room, uniform
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import View, looking_camera, nadir_view
+from lcp_catalog.cameras.view import CameraView, ParallelView, looking_camera, nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.environment_sources import split_sources
@@ -24,6 +24,7 @@ from lcp_catalog.light.sky_sampling import (
     sky_samples,
 )
 from lcp_catalog.light.sources import Lighting
+from lcp_catalog.light.surface_points import SurfacePoints
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu
 from lcp_catalog.terrain.area import NodeWindow
@@ -129,7 +130,7 @@ def test_against_the_sum_over_all_pixels(many_lights, name, altitude_m):
     """From infinity, and from a near camera with a different direction for every node."""
     terrain, sky, towards, irradiance, free = many_lights
     model, looking = reflectance_model(name), direction_enu(100.0, 60.0)
-    view = View(direction=looking) if altitude_m is None else View(position_m=looking * altitude_m)
+    view = ParallelView(looking) if altitude_m is None else CameraView(looking * altitude_m)
     cameras = view.directions(nodes_enu(terrain.field, terrain.core))
     normals = terrain.field.normals().astype(np.float64)
     emission = np.arccos(np.clip((normals * cameras).sum(-1), -1, 1))
@@ -278,13 +279,13 @@ def test_a_cameras_pixels_agree_with_the_nodes():
     points = np.stack([x, y, field.z_m[rows, cols].astype(float)], axis=-1)
     normals = field.normals()[rows, cols].astype(np.float64)
     towards = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    args = normals, towards, LOMMEL, TIERS["standard"]
-    at_points = sky_at_points(terrain, sky, points, *args)
+    at, standard = SurfacePoints(points, normals, towards), TIERS["standard"]
+    at_points = sky_at_points(terrain, sky, at, LOMMEL, standard)
     at_nodes = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS["standard"])[rows, cols]
     # the window is a ring of cells around the points; drafts of different windows differ slightly
     assert at_points == pytest.approx(at_nodes, rel=0.02)
     assert np.abs(at_points / at_nodes - 1).mean() < 2e-3
-    assert len(sky_at_points(terrain, sky, points[:0], normals[:0], towards[:0], *args[2:])) == 0
+    assert len(sky_at_points(terrain, sky, at.some(slice(0)), LOMMEL, standard)) == 0
 
 
 @pytest.mark.parametrize("tier", ["standard", "high"])

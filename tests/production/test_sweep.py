@@ -12,7 +12,7 @@ import pytest
 from helpers.random_scenes import STANDARD, make
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import View, oblique_view
+from lcp_catalog.cameras.view import ParallelView, oblique_view
 from lcp_catalog.choices import REFLECTANCE_MODELS
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
@@ -71,7 +71,7 @@ def test_an_image_of_a_build_is_the_render_of_the_same_scene(build: Build) -> No
             sweep = dataclasses.replace(given, accuracy=TIERS[tier], model=model)
             for image in sweep.images():
                 sun = sweep.conditions.sun_directions()[image.elevation, image.azimuth]
-                view = View(direction=sweep.conditions.view_directions()[image.view])
+                view = ParallelView(sweep.conditions.view_directions()[image.view])
                 how = {"model": model, "accuracy": sweep.accuracy, "disc": False}
                 for plan in (sweep.plan, None):  # the area's, and the render's own
                     render = render_enu(sweep.terrain, sun, view, plan=plan, **how)

@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import View, nadir_view, oblique_view
+from lcp_catalog.cameras.view import CameraView, nadir_view, oblique_view
 from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
@@ -118,9 +118,9 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
     assume(math.isfinite(ground))
     here = np.array([field.x0_m + col * GSD, field.y0_m - row * GSD, ground])
     view = {
-        "ground": View(position_m=here + np.array([0, 0, 1.0])),
-        "node": View(position_m=here),
-        "far": View(position_m=direction_enu(30.0, 50.0) * 1e9),
+        "ground": CameraView(here + np.array([0, 0, 1.0])),
+        "node": CameraView(here),
+        "far": CameraView(direction_enu(30.0, 50.0) * 1e9),
         "zenith": nadir_view(),
         "oblique": oblique_view(60.0, 200.0),
     }[where]
@@ -152,7 +152,7 @@ def test_renders_take_the_path_that_the_plan_says(monkeypatch):
             renderer, name, lambda *a, n=name, f=original, **k: (called.append(n), f(*a, **k))[1]
         )
     flat, rough = make(np.zeros((9, 9))), make(np.random.default_rng(1).normal(size=(9, 9)) * 30)
-    sun, far = direction_enu(80.0, 20.0), View(position_m=direction_enu(30.0, 50.0) * 1e9)
+    sun, far = direction_enu(80.0, 20.0), CameraView(direction_enu(30.0, 50.0) * 1e9)
     for terrain, disc, expected in (
         (flat, True, ["parallel_view"]),
         (rough, False, ["occluded", "_hidden"]),

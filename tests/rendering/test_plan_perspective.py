@@ -19,7 +19,7 @@ from helpers.random_scenes import (
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from lcp_catalog.cameras.view import View
+from lcp_catalog.cameras.view import CameraView
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.error_bounds import parallel_direction, parallel_error, ray_angle_rad
@@ -36,7 +36,7 @@ def farthest_within(terrain, direction, tolerance):
     found = relief(terrain)
 
     def cost(distance):
-        view = View(position_m=distance * direction)
+        view = CameraView(distance * direction)
         least = lowest_core_tangent(view, terrain)
         return parallel_error(found, ray_angle_rad(found.box, view), least)
 
@@ -69,7 +69,7 @@ def test_parallel_rays_stay_within_their_bound(terrain, azimuth, over_deg, sun, 
     direction = direction_enu(azimuth, min(90.0, tilt + over_deg))
     distance = farthest_within(terrain, direction, accuracy.tolerance)
     assume(math.isfinite(distance))
-    view = View(position_m=1.001 * distance * direction)
+    view = CameraView(1.001 * distance * direction)
     to_sun = direction_enu(*sun)
     plan, full_plan = (
         plan_scene(terrain, to_sun, view, accuracy=accuracy, everything=e) for e in (False, True)
@@ -89,7 +89,7 @@ def test_parallel_rays_stay_within_their_bound(terrain, azimuth, over_deg, sun, 
     for band in ("emission_deg", "phase_deg"):
         turned = np.abs(getattr(short, band).astype(np.float64) - getattr(full, band))
         assert np.radians(np.nanmax(turned, initial=0.0)) <= plan.perspective.error_bound
-    nearer = View(position_m=0.98 * distance * direction)
+    nearer = CameraView(0.98 * distance * direction)
     assert plan_scene(terrain, to_sun, nearer, accuracy=accuracy).perspective.modelled
     assert plan_scene(terrain, to_sun, view).perspective.modelled  # reference: nothing is given up
 
@@ -101,7 +101,7 @@ def test_the_bound_on_parallel_rays_is_nearly_reached():
     flank = math.degrees(math.atan(slope))
     direction, sun = direction_enu(270.0, flank + 2.0), direction_enu(270.0, flank + 0.01)
     distance = farthest_within(terrain, direction, DRAFT.tolerance)
-    view = View(position_m=1.001 * distance * direction)
+    view = CameraView(1.001 * distance * direction)
     plan, short, full = both(terrain, sun, view, accuracy=DRAFT)
     assert not plan.perspective.modelled
     assert 0.5 * plan.perspective.error_bound < relative_change(short, full)
@@ -118,7 +118,7 @@ def test_what_the_bound_on_parallel_rays_takes_for_granted(terrain, seed):
     east, north, up = np.moveaxis(terrain.field.normals(terrain.core).astype(float), -1, 0)
     assert (np.hypot(east, north) <= found.node_tangent * up + 1e-6).all()
     position = np.random.default_rng(seed).normal(size=3) * [200.0, 200.0, 300.0]
-    view = View(position_m=position)
+    view = CameraView(position)
     least = lowest_core_tangent(view, terrain)
     if least > 0:
         assert tangent_of(parallel_direction(found.box, view)) >= least - 1e-9 * abs(least)
@@ -141,7 +141,7 @@ def test_holes_have_everything_modelled():
     z = np.zeros((20, 20))
     z[:, 12:] = 500.0
     z[:, 10:12] = np.nan
-    terrain, far = make(z), View(position_m=direction_enu(30.0, 89.0) * 1e9)
+    terrain, far = make(z), CameraView(direction_enu(30.0, 89.0) * 1e9)
     for disc in (False, True):
         plan = plan_scene(terrain, direction_enu(90.0, 80.0), far, accuracy=DRAFT, disc=disc)
         assert plan.cast_shadows.modelled
@@ -155,7 +155,7 @@ def test_holes_have_everything_modelled():
 @given(terrain=terrains(smallest=2), seed=st.integers(0, 2**32 - 1))
 def test_no_ray_is_turned_by_more_than_the_boxs_angle(terrain, seed):
     rng, box = np.random.default_rng(seed), core_box(terrain)
-    view = View(position_m=rng.normal(size=3) * [300.0, 300.0, 900.0])
+    view = CameraView(rng.normal(size=3) * [300.0, 300.0, 900.0])
     angle = ray_angle_rad(box, view)
     inside = box.low_m + rng.random((200, 3)) * (box.high_m - box.low_m)
     cosines = view.directions(inside) @ parallel_direction(box, view)

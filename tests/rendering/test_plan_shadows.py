@@ -21,7 +21,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import View, camera_view, looking_camera, nadir_view
+from lcp_catalog.cameras.view import (
+    CameraView,
+    ParallelView,
+    camera_view,
+    looking_camera,
+    nadir_view,
+)
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain.relief_bounds import steepness
@@ -47,15 +53,13 @@ def test_a_sun_as_low_as_the_steepest_slope_has_shadows_modelled(terrain, azimut
     sun = towards(azimuth, steepest * (1 - below))
     plan = plan_scene(terrain, sun, nadir_view())
     assert plan.cast_shadows.modelled
-    assert plan_scene(terrain, sun, View(direction=sun)).occlusion.modelled
+    assert plan_scene(terrain, sun, ParallelView(sun)).occlusion.modelled
 
 
 @QUICK
 @given(terrain=terrains(), azimuth=AZIMUTHS, above=JUST_ABOVE)
 def test_occlusion_left_out_was_none(terrain, azimuth, above):
-    view = View(
-        direction=towards(azimuth, max(steepness(terrain.field).tangent, 1e-3) * (1 + above))
-    )
+    view = ParallelView(towards(azimuth, max(steepness(terrain.field).tangent, 1e-3) * (1 + above)))
     plan, short, full = both(terrain, direction_enu(77.0, 50.0), view)
     assert not plan.occlusion.modelled
     same(short, full)
@@ -71,7 +75,7 @@ def camera_at(terrain, azimuth_deg, away_m, tangent):
     row, col = np.mgrid[row0:row1, col0:col1]
     off = np.hypot(field.x0_m + col * GSD - x, field.y0_m - row * GSD - y)
     z = np.nanmax(field.z_m[row0:row1, col0:col1].astype(float) + tangent * off)
-    return View(position_m=np.array([x, y, z]))
+    return CameraView(np.array([x, y, z]))
 
 
 @QUICK
@@ -101,7 +105,7 @@ def test_the_steepest_slope_is_where_it_begins(share):
     terrain = make(z)
     for sun, view, effect in (
         (ray, nadir_view(), "cast_shadows"),
-        (direction_enu(0.0, 89.0), View(direction=ray), "occlusion"),
+        (direction_enu(0.0, 89.0), ParallelView(ray), "occlusion"),
     ):
         plan, short, full = both(terrain, sun, view)
         assert getattr(plan, effect).modelled == (share < 1)
@@ -114,10 +118,10 @@ def test_the_steepest_slope_is_where_it_begins(share):
 def test_the_bound_of_what_is_modelled_is_the_tiers(tier):
     terrain = make(np.random.default_rng(3).normal(size=(20, 20)) * 20)
     low, accuracy = direction_enu(10.0, 5.0), TIERS[tier]
-    plan = plan_scene(terrain, low, View(direction=low), accuracy=accuracy)
+    plan = plan_scene(terrain, low, ParallelView(low), accuracy=accuracy)
     assert plan.cast_shadows.error_bound == plan.occlusion.error_bound == accuracy.node_error
     assert tier in plan.cast_shadows.reason
-    near = plan_scene(terrain, low, View(position_m=np.array([0, 500.0, 90.0])), accuracy=accuracy)
+    near = plan_scene(terrain, low, CameraView(np.array([0, 500.0, 90.0])), accuracy=accuracy)
     assert near.occlusion.modelled
     assert near.occlusion.error_bound == 0.0
     camera = looking_camera(terrain.frame, [0, 0, 3000.0], GSD, (300.0, 300.0))

@@ -7,7 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.cameras.frame_camera import camera_from_json
-from lcp_catalog.cameras.view import View, camera_view, looking_camera, nadir_view, oblique_view
+from lcp_catalog.cameras.view import (
+    CameraView,
+    camera_view,
+    looking_camera,
+    nadir_view,
+    oblique_view,
+)
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.rendering.plan import plan_scene
@@ -302,7 +308,7 @@ def test_a_camera_under_the_ground():
     with pytest.raises(CameraError, match="below the surface"):
         render_camera(terrain, camera, direction_enu(0, 45))
     with pytest.raises(CameraError, match=r"the view: .* below the surface"):
-        render_enu(terrain, direction_enu(0, 45), View(position_m=np.array([0, 0, 300.0])))
+        render_enu(terrain, direction_enu(0, 45), CameraView(np.array([0, 0, 300.0])))
 
 
 def test_a_sun_below_every_horizon():

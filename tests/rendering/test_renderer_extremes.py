@@ -16,7 +16,7 @@ import pytest
 from helpers.products import EQC, cylinder, geotiff
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import View, looking_camera, nadir_view, oblique_view
+from lcp_catalog.cameras.view import CameraView, looking_camera, nadir_view, oblique_view
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
@@ -244,7 +244,7 @@ def test_nothing_is_silently_nan(tier):
                 place = view
                 if isinstance(view, float):
                     middle = z[z.shape[0] // 2, z.shape[1] // 2]
-                    place = View(position_m=np.array([0.0, 0.0, np.nan_to_num(middle) + view]))
+                    place = CameraView(np.array([0.0, 0.0, np.nan_to_num(middle) + view]))
                 result = render_enu(terrain, direction_enu(*angles), place, accuracy=TIERS[tier])
                 seen, lit = np.asarray(result.visible), np.asarray(result.sunlit) > 0
                 assert not (seen | lit)[~ground].any(), how
@@ -280,11 +280,11 @@ def test_a_suns_disc_has_shares(tier):
 
 def test_a_cameras_own_node_is_seen_from_above():
     terrain = made(np.zeros((5, 5)))
-    on_it = render_enu(terrain, direction_enu(10.0, 45.0), View(position_m=np.zeros(3)))
+    on_it = render_enu(terrain, direction_enu(10.0, 45.0), CameraView(np.zeros(3)))
     assert on_it.visible[2, 2]
     assert on_it.emission_deg[2, 2] == 0.0
     assert on_it.phase_deg[2, 2] == pytest.approx(45.0)
-    raised = render_enu(terrain, direction_enu(10.0, 45.0), View(position_m=np.array([0, 0, 1.0])))
+    raised = render_enu(terrain, direction_enu(10.0, 45.0), CameraView(np.array([0, 0, 1.0])))
     assert raised.visible.all()
     x = np.arange(-2, 3) * 2.0
     np.testing.assert_allclose(raised.emission_deg[2], np.degrees(np.arctan(np.abs(x))), atol=1e-4)
@@ -293,12 +293,12 @@ def test_a_cameras_own_node_is_seen_from_above():
 def test_cameras_in_the_ground_and_too_far_are_refused():
     terrain = made(np.full((5, 5), 7.0))
     with pytest.raises(CameraError, match="below the surface"):
-        render_enu(terrain, direction_enu(0, 45), View(position_m=np.array([0, 0, 6.999])))
+        render_enu(terrain, direction_enu(0, 45), CameraView(np.array([0, 0, 6.999])))
     for altitude in (1.1e11, 1e200, 1.7e308):
         with pytest.raises(CameraError, match="leave it out for a camera at infinity"):
             oblique_view(10.0, 0.0, altitude)
     with pytest.raises(CameraError, match="not finite"):
-        View(position_m=np.array([math.nan, 0, 1]))
+        CameraView(np.array([math.nan, 0, 1]))
     far = looking_camera(terrain.frame, oblique_view(30.0, 0.0, 1e9).position_m, 0.5, (8.0, 8.0))
     plane = render_camera(terrain, far, direction_enu(90.0, 10.0))
     assert np.asarray(plane.sunlit)[np.asarray(plane.visible)].all()  # no hit hides itself

@@ -43,7 +43,7 @@ def dem(tmp_path_factory) -> str:
 
 
 def request(dem, path: Path, plane: bool = True, **changes) -> Request:
-    view = ViewChoice(sensor=read_sensor(path))
+    view = ViewChoice(read_sensor(path))
     return Request(DemSet.open([dem]), view=view, in_camera_plane=plane, **(HOW | changes))
 
 
@@ -138,9 +138,7 @@ def test_a_scanner_with_one_position_is_a_frame_camera(dem, tmp_path):
     frames = still(read_sensor(scan(tmp_path / "f.json", "PUSH_FRAME")))
     lines = still(read_sensor(scan(tmp_path / "l.json")))
     lines = replace(lines, line_px=5.0)
-    scene = prepare_terrain(
-        replace(request(dem, tmp_path / "l.json"), view=ViewChoice(sensor=frames))
-    )
+    scene = prepare_terrain(replace(request(dem, tmp_path / "l.json"), view=ViewChoice(frames)))
     for scanner, repeat in ((frames, np.arange(60) % 12), (lines, np.full(60, 5))):
         camera = frame_camera(scanner, (12, 80))
         whole, scanned = scene.picture(camera), scene.picture(scanner)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import View, nadir_view, oblique_view
+from lcp_catalog.cameras.view import CameraView, nadir_view, oblique_view
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.sources import Lighting
@@ -163,7 +163,7 @@ def test_the_bound_holds_where_the_sphere_is_taken(
 
 
 def test_the_sphere_is_taken_for_a_camera_nearby_too():
-    view = View(position_m=np.array([0.0, 0.0, 80e3]))
+    view = CameraView(np.array([0.0, 0.0, 80e3]))
     assert not decision(ground(1.0), view, HIGH_SUN).modelled
-    flat = View(position_m=np.array([300e3, 0.0, 30e3]))
+    flat = CameraView(np.array([300e3, 0.0, 30e3]))
     assert decision(ground(3.0, 90.0), flat, HIGH_SUN).modelled

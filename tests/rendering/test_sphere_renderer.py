@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.cameras.view import View, camera_view, looking_camera, nadir_view, oblique_view
+from lcp_catalog.cameras.view import (
+    CameraView,
+    camera_view,
+    looking_camera,
+    nadir_view,
+    oblique_view,
+)
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
@@ -255,9 +261,7 @@ def test_refusals():
     ):
         render_sphere_camera(frame, under, lit_from(0, 40))
     with pytest.raises(CameraError, match="the view: the camera is 1 m below"):
-        render_sphere_enu(
-            frame, WHOLE, 1e3, lit_from(0, 40), View(position_m=np.array([0, 0, -1.0]))
-        )
+        render_sphere_enu(frame, WHOLE, 1e3, lit_from(0, 40), CameraView(np.array([0, 0, -1.0])))
     with pytest.raises(SunError, match="below the horizon at all visible points"):
         render_sphere_enu(frame, window_of(9e3, 1e3), 1e3, lit_from(0, -5), nadir_view())
     with pytest.raises(SunError, match="below the horizon at all visible points"):

@@ -34,9 +34,7 @@ def dem(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def seen(dem: Path, sensor, margin_px: int = 0) -> DemSurface:
     how = {"accuracy": TIERS["reference"], "disc": False, "model": LAW}
-    return DemSurface.seen(
-        Request(DemSet.open([dem]), view=ViewChoice(sensor=sensor), **how), margin_px
-    )
+    return DemSurface.seen(Request(DemSet.open([dem]), view=ViewChoice(sensor), **how), margin_px)
 
 
 def scanner(folder: Path, kind: str = "LINE_SCANNER", **changes):

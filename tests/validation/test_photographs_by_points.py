@@ -72,7 +72,7 @@ def test_usable_points_look_like_the_photograph(catalog: Catalog) -> None:
     gsd_m = float(catalog.gsd[0])
     assert catalog.patch_nodes == 2 * HALF + 1
     camera = read_camera(CAMERA)
-    view = ViewChoice(camera=camera)
+    view = ViewChoice(camera)
     scene = prepare_terrain(
         Request(DemSet.open([DEM]), area=Area(3.5, 26.0, 158.0), gsd_m=gsd_m, view=view)
     )
