@@ -30,28 +30,16 @@ from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
 from ..terrain.region_warnings import warn_of_region
 from ..terrain.surroundings import SunRays, build_surrounded, surroundings
-from ..terrain.terrain import Ground, Terrain, native_gsd_m, require_room, terrain_from_area
+from ..terrain.terrain import Terrain, terrain_from_area
 from . import decisions
 from .compositing import Backdrop, composite
 from .decisions import Decision
-from .extent import (
-    RING_MAX_M,
-    area_of,
-    camera_over,
-    cells_extent,
-    coarse_terrain,
-    grown,
-    height_reach_m,
-    place_in_view,
-    require_extent,
-    view_ring_m,
-)
+from .placement import RING_MAX_M, area_of, cells_extent, place_on_terrain
 from .plan import ScenePlan, choose_model, parallel_view, plan_scene, ring_decision
 from .renderer import Rendering, render_camera, render_enu
-from .request import AreaInView, Request
+from .request import Request
 from .scans import MovingSun, render_scan
 from .scene import Scene, require_visible
-from .sphere_extent import SphereArea
 from .sphere_pipeline import SphereScene, prepare_sphere
 from .sphere_renderer import render_sphere_camera, render_sphere_enu
 
@@ -113,12 +101,16 @@ class HeightfieldScene:
 
     def _expose_sphere(self) -> Rendering:
         """An area so smooth and level that the plan replaces it by the sphere."""
-        how: dict[str, Any] = {"model": self.model, "albedo": self.request.albedo}
+        model, albedo = self.model, self.request.albedo
         if not self.request.in_camera_plane:
-            light = self.light, self.view
-            return render_sphere_enu(self.frame, self.window, self.gsd_m, *light, **how)
+            frame, window, gsd_m = self.frame, self.window, self.gsd_m
+            return render_sphere_enu(
+                frame, window, gsd_m, self.light, self.view, model=model, albedo=albedo
+            )
         extent = cells_extent(self.window, self.gsd_m)
-        return render_sphere_camera(self.frame, self.camera, self.light, extent_m=extent, **how)
+        return render_sphere_camera(
+            self.frame, self.camera, self.light, model=model, albedo=albedo, extent_m=extent
+        )
 
     def _expose_terrain(self) -> Rendering:
         request = self.request
@@ -130,15 +122,21 @@ class HeightfieldScene:
         if request.backdrop is None:
             return result
         panorama = request.environment.in_factors if request.environment else None
-        place = self.terrain, self.camera, light_above_horizon(self.terrain, self.light)
-        whole = composite(result, *place, request.backdrop, panorama, request.accuracy)
+        light = light_above_horizon(self.terrain, self.light)
+        whole = composite(
+            result, self.terrain, self.camera, light, request.backdrop, panorama, request.accuracy
+        )
         return replace(result, composite=whole)
 
     def picture(self, camera: Camera | Scanner) -> Rendering:
         """Render the plane of the scene's camera, or of a part of it, on the heightfield."""
         if isinstance(camera, Scanner):
             assert self.moving is not None
-            return render_scan(self.terrain, camera, self.moving, **self._how)
+            return render_scan(
+                camera,
+                self.moving,
+                lambda part, light: render_camera(self.terrain, part, light, **self._how),
+            )
         return render_camera(self.terrain, camera, self.light, **self._how)
 
     @property
@@ -174,10 +172,10 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
             "catcher need a framing camera: give a CAMERA.json"
         )
     dems = request.ground
-    area, grows = area_of(request, dems)
+    area, grows = area_of(request)
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)
-    terrain, view, ring = _ground(request, dems, area, grows, light)
+    terrain, view, ring = _ground(request, area, grows, light)
     choice = choose_model(
         terrain, light.first.direction.vector, view, request.accuracy, request.model
     )
@@ -235,32 +233,22 @@ def _log_scene(terrain: Terrain, light: Lighting, model: Reflectance, plan: Scen
 
 
 def _ground(
-    request: Request, dems: DemSet, area: Area, grows: bool, light: Lighting
+    request: Request, area: Area, grows: bool, light: Lighting
 ) -> tuple[Terrain, View, Decision]:
     """The terrain of an area with the terrain around it that can shadow or hide it, the view, and the
     decision about the terrain around. ``grows``: enlarge the area to hold all that the camera sees.
     """
-    frame, extent = area.frame, area.extent_m
-    view = request.view.view(frame)
-    gsd_m = native_gsd_m(dems, area) if request.gsd_m is None else request.gsd_m
-    require_extent(extent)
-    require_room(NodeWindow.covering(extent, gsd_m))
-    if request.in_camera_plane and request.view.plane is None:
-        view = camera_over(frame, view, gsd_m, extent)
-    coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
-    if grows:
-        extent = grown(extent, height_reach_m(coarse, view))
-        coarse = coarse_terrain(dems, frame, extent, gsd_m, view)
-    view_m = view_ring_m(coarse, view)
-    ground = Ground(dems, frame, NodeWindow.covering(extent, gsd_m), gsd_m)
+    place = place_on_terrain(request, area, grows)
     lowest = light.lowest_tangent
     if light.sky is not None:
         lowest = min(lowest, math.tan(SKY_FLOOR_RAD))
-    around = surroundings(ground, SunRays.all_around(lowest), min(view_m, RING_MAX_M))
-    terrain = build_surrounded(ground, around)
+    ring_m = min(place.ring_m, RING_MAX_M)
+    around = surroundings(place.ground, SunRays.all_around(lowest), ring_m)
+    terrain = build_surrounded(place.ground, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
-        terrain_from_area(dems, area, gsd_m)  # raises the error
-    return terrain, view, ring_decision(terrain, around.ring_m, max(around.needed_m, view_m))
+        terrain_from_area(request.ground, area, place.ground.gsd_m)  # raises the error
+    needed_m = max(around.needed_m, place.ring_m)
+    return terrain, place.view, ring_decision(terrain, around.ring_m, needed_m)
 
 
 def _files(request: Request, dems: DemSet, model: Reflectance) -> tuple[Path, ...]:
@@ -284,21 +272,9 @@ def _prepare_sphere(request: Request) -> SphereScene:
             "an environment map, a background and a shadow catcher need terrain: give a DEM and "
             "`surface` heightfield"
         )
-    gsd_m: float | None = None
-    files: tuple[Path, ...] = ()
-    if isinstance(request.area, AreaInView):
-        place, size_km = place_in_view(request, request.area, None), request.area.size_km
-        request = replace(request, area=SphereArea(*place, (size_km, size_km)))
-    if (dems := request.dems) is not None:
-        files = dems.files
-        if request.area is None and not (request.in_camera_plane and request.view.camera):
-            request = replace(request, area=area_of(request, dems)[0])
-        gsd_m = min(dem.gsd_m for dem in dems.dems)
-    scene = prepare_sphere(request, gsd_m)
-    plan = replace(
-        scene.plan, others=(*scene.plan.others, *_of_light(request, scene.light, scene.view))
-    )
-    return replace(scene, plan=plan, sources=(*files, *scene.sources))
+    scene = prepare_sphere(request)
+    others = (*scene.plan.others, *_of_light(request, scene.light, scene.view))
+    return replace(scene, plan=replace(scene.plan, others=others))
 
 
 def _sun_alone(light: Lighting) -> bool:

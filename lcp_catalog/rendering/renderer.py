@@ -114,7 +114,7 @@ def render_enu(
         for source, cast in _planned(light, plan, shadows)
     ]
     sunlit = lights[0][1]
-    seen = ~_hidden(terrain, view, plan, accuracy)
+    seen = _in_sight(terrain, view, plan, accuracy)
     parallel = _as_planned(terrain, view, plan)
     one_way = parallel.direction if isinstance(parallel, ParallelView) else None
     quick = None if accuracy.float64 or view.camera else one_way
@@ -319,16 +319,20 @@ def _as_planned(terrain: Terrain, view: View, plan: ScenePlan) -> View:
     return parallel_view(terrain, view)
 
 
-def _hidden(terrain: Terrain, view: View, plan: ScenePlan, accuracy: Accuracy) -> Mask:
-    """The core's nodes that terrain hides from a view, without those that only a scanner's own directions
-    tell.
+def _in_sight(terrain: Terrain, view: View, plan: ScenePlan, accuracy: Accuracy) -> Mask:
+    """The core's nodes that no terrain hides from a view; all where the plan leaves that out, and for a
+    scanner, whose own directions tell it.
     """
-    if isinstance(view, ScannerView) or not plan.occlusion.modelled:
-        row0, row1, col0, col1 = terrain.core
-        return np.zeros((row1 - row0, col1 - col0), dtype=np.bool_)
-    if not isinstance(view, CameraView):
-        return occluded(terrain.field, view.direction, accuracy, terrain.core)
-    return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
+    if plan.occlusion.modelled and not isinstance(view, ScannerView):
+        return ~_hidden(terrain, view, accuracy)
+    row0, row1, col0, col1 = terrain.core
+    return np.ones((row1 - row0, col1 - col0), dtype=np.bool_)
+
+
+def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
+    if isinstance(view, CameraView):
+        return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
+    return occluded(terrain.field, view.direction, accuracy, terrain.core)
 
 
 def _first_hits(terrain: Terrain, origin: Array, rays: Array) -> Array:

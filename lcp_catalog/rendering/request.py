@@ -10,8 +10,10 @@ from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
 from ..cameras.view import View, oblique_view, sensor_view
 from ..choices import GSD_MAX_M, SURFACES
+from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, DemError
+from ..geometry.angles import turned_deg
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.earthshine import earth_at, mean_earth
@@ -23,7 +25,6 @@ from ..photometry.colour_map import ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
 from .compositing import Backdrop
-from .sphere_extent import SphereArea
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,42 @@ class ViewChoice:
         altitude_km = self.seen_by.altitude_km
         altitude_m = None if altitude_km is None else 1e3 * altitude_km
         return oblique_view(self.seen_by.off_nadir_deg, self.seen_by.view_azimuth_deg, altitude_m)
+
+
+Extent = tuple[float, float, float, float]
+"""Least x, greatest x, least y, greatest y in the plane of a frame, metres."""
+
+SIZE_MAX_KM = 4 * MOON_RADIUS_M / 1e3
+"""Greatest side of an area: twice the diameter of the Moon."""
+
+
+@dataclass(frozen=True)
+class SphereArea:
+    """A rectangle of the tangent plane at a place, up to wider than the Moon; the counterpart of `Area`.
+    ``size_km``: east-west, north-south.
+    """
+
+    lon_deg: float
+    lat_deg: float
+    size_km: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        if not all(0.0 < side <= SIZE_MAX_KM for side in self.size_km):
+            raise AreaError(
+                f"a size of {self.size_km[0]:g} x {self.size_km[1]:g} km is not above 0 and at most "
+                f"{SIZE_MAX_KM:.0f} km"
+            )
+
+    @property
+    def frame(self) -> EnuFrame:
+        """The frame at its centre, on the sphere."""
+        return EnuFrame(turned_deg(self.lon_deg), self.lat_deg)
+
+    @property
+    def extent_m(self) -> Extent:
+        """Least x, greatest x, least y, greatest y in its frame."""
+        east, north = (500.0 * side for side in self.size_km)
+        return -east, east, -north, north
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ Sun moves by at most `SUN_MOVES_DEG` from there to its ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -18,9 +18,8 @@ from ..cameras.scanners import Scanner
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting
-from ..terrain.terrain import Terrain
 from .decisions import Decision
-from .renderer import Rendering, render_camera
+from .renderer import Rendering
 from .request import Request
 
 SUN_MOVES_DEG = 0.001
@@ -75,20 +74,17 @@ class MovingSun:
         return replace(self.light, sources=(replace(first, direction=there), *others))
 
 
-def render_scan(terrain: Terrain, scanner: Scanner, sun: MovingSun, **how: Any) -> Rendering:
-    """Render the plane of a scanner; ``how``: arguments of `renderer.render_camera`, which renders every
-    part.
-    """
-    shots = [
-        render_camera(terrain, part, sun.at(part.middle_s), **how)
-        for part in _parts(scanner, sun.deg_per_s)
-    ]
+def render_scan(
+    scanner: Scanner, sun: MovingSun, rendered: Callable[[Scanner, Lighting], Rendering]
+) -> Rendering:
+    """Render the plane of a scanner; ``rendered``: the render of a part of it under its light."""
+    shots = [rendered(part, sun.at(part.middle_s)) for part in _parts(scanner, sun.deg_per_s)]
     bands: dict[str, Any] = {}
     for name in (one.name for one in fields(Rendering)):
         rows = [getattr(shot, name) for shot in shots]
         axis = 1 if name == "colour" else 0
         bands[name] = None if rows[0] is None else np.concatenate(rows, axis=axis)
-    return Rendering(**bands)
+    return replace(shots[0], **bands)
 
 
 def _parts_for(drift_deg: float) -> int:

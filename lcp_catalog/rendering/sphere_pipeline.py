@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.view import View
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
-from ..errors import AreaError
 from ..geometry import sphere_intersection
 from ..geometry.direction import Direction
 from ..geometry.frames import EnuFrame, enu_rotation
@@ -24,16 +22,14 @@ from ..photometry.colour_map import ColourMap
 from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
 from ..photometry.laws import Reflectance
 from ..terrain.area import NodeWindow
-from ..terrain.terrain import require_room
 from . import decisions
 from .decisions import Decision
-from .extent import camera_over, cells_extent
+from .placement import SpherePlace, place_on_sphere
 from .plan import ScenePlan
 from .renderer import Rendering
-from .request import AreaInView, Request
+from .request import Extent, Request
 from .scene import require_visible
-from .sphere_extent import Extent
-from .sphere_renderer import render_sphere_camera, render_sphere_enu, require_above, sphere_nodes
+from .sphere_renderer import render_sphere_camera, render_sphere_enu, sphere_nodes
 
 _SAMPLES = 64
 """Pixels or nodes per side at which a scene is sampled for its plan."""
@@ -79,37 +75,26 @@ class SphereScene:
         nothing is lit.
         """
         camera = self.view.camera
-        how: dict[str, Any] = {"model": self.model, "albedo": self.request.albedo}
+        model, albedo = self.model, self.request.albedo
         if self.request.in_camera_plane and camera is not None:
-            extent = self.extent_m
-            result = render_sphere_camera(self.frame, camera, self.light, extent_m=extent, **how)
+            result = render_sphere_camera(
+                self.frame, camera, self.light, model=model, albedo=albedo, extent_m=self.extent_m
+            )
         else:
             assert self.gsd_m is not None
-            place = self.frame, self.window, self.gsd_m
-            result = render_sphere_enu(*place, self.light, self.view, **how)
+            frame, window, gsd_m = self.frame, self.window, self.gsd_m
+            result = render_sphere_enu(
+                frame, window, gsd_m, self.light, self.view, model=model, albedo=albedo
+            )
         return require_visible(self, result)
 
 
-def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
-    """The scene of a request; ``gsd_m``: cell size of a DEM, if there is one. Raises the library's errors
-    for a request that cannot be rendered.
-    """
-    frame, extent = _place(request)
-    view = request.view.view(frame)
-    if request.gsd_m is not None:
-        gsd_m = request.gsd_m
-    elif gsd_m is None and request.albedo is not None:
-        gsd_m = request.albedo.gsd_m
-    if request.in_camera_plane and view.camera is not None:
-        gsd_m = None
-    else:
-        gsd_m, extent = _cell(gsd_m), _drawn(extent)
-        require_room(NodeWindow.covering(extent, gsd_m))
-        if request.in_camera_plane:
-            view = camera_over(frame, view, gsd_m, extent)
-            extent = cells_extent(NodeWindow.covering(extent, gsd_m), gsd_m)
+def prepare_sphere(request: Request) -> SphereScene:
+    """The scene of a request. Raises the library's errors for a request that cannot be rendered."""
+    place = place_on_sphere(request)
+    frame, view = place.frame, place.view
     light = request.lighting(frame)
-    points, towards, pixel_m = _sample(request, frame, view, gsd_m, extent)
+    points, towards, pixel_m = _sample(request, place)
     choice = _choose(request, frame, light, points, towards)
     albedo = request.albedo
     covered = _albedo_decision(albedo, frame, points, pixel_m) if albedo else None
@@ -118,54 +103,19 @@ def prepare_sphere(request: Request, gsd_m: float | None) -> SphereScene:
     pixels = request.in_camera_plane
     rays = decisions.perspective_of_pixels() if pixels else decisions.perspective_of_nodes()
     plan = _plan(light, choice, shift_px, half_m, rays, covered)
-    files = tuple(albedo.files) if albedo else ()
+    files = request.dems.files if request.dems else ()
+    files += tuple(albedo.files) if albedo else ()
     files += (choice.model.file,) if choice.model.file else ()
-    return SphereScene(request, frame, light, choice.model, view, plan, files, gsd_m, extent)
-
-
-def _place(request: Request) -> tuple[EnuFrame, Extent | None]:
-    """The frame, and the extent that is rendered. Without an area: all that the camera sees, in the
-    frame of the point at the image's centre, or below the camera if that is sky.
-    """
-    if request.area is not None:
-        assert not isinstance(request.area, AreaInView)
-        return request.area.frame, request.area.extent_m
-    camera = request.view.camera
-    if camera is None:
-        raise AreaError("no area: state `center_deg` and `size_km`, or `bounds_deg`, or a `camera`")
-    require_above(camera.name, float(sphere_intersection.heights(camera.position_mcmf_m)))
-    width, height = camera.image_size_px
-    _, middle = sphere_intersection.hits(
-        camera.position_mcmf_m, camera.rays([(width - 1) / 2, (height - 1) / 2])
+    return SphereScene(
+        request, frame, light, choice.model, view, plan, files, place.gsd_m, place.extent_m
     )
-    lon, lat = sphere_intersection.lonlat(camera.position_mcmf_m if np.isnan(middle[0]) else middle)
-    return EnuFrame(float(lon), float(lat)), None
 
 
-def _cell(gsd_m: float | None) -> float:
-    if gsd_m is None:
-        raise AreaError(
-            "no cell size: state `gsd_m` (there is no DEM or albedo map to take one from)"
-        )
-    return gsd_m
-
-
-def _drawn(extent: Extent | None) -> Extent:
-    if extent is None:
-        raise AreaError(
-            "nodes need an area: state `center_deg` and `size_km`, or `bounds_deg`; "
-            "or `frame` camera for all that the camera sees"
-        )
-    return extent
-
-
-def _sample(
-    request: Request, frame: EnuFrame, view: View, gsd_m: float | None, extent: Extent | None
-) -> tuple[Array, Array, Array]:
+def _sample(request: Request, place: SpherePlace) -> tuple[Array, Array, Array]:
     """Sample points (n, 3) of the rendered part, MCMF, unit directions (n, 3) to the camera, and the
     width (n,) of a pixel there, across the line of sight.
     """
-    camera = view.camera
+    frame, view, camera = place.frame, place.view, place.view.camera
     if request.in_camera_plane and camera is not None:
         rows, cols = (np.unique(np.linspace(0, n - 1, _SAMPLES).round()) for n in camera.shape)
         rays = camera.rays(np.stack(np.meshgrid(cols, rows), axis=-1)).reshape(-1, 3)
@@ -175,9 +125,9 @@ def _sample(
             away, points, rays = _under(camera)
             seen = np.ones(1, dtype=np.bool_)
         return points[seen], -rays[seen], away[seen] / camera.focal_length_px
-    assert extent is not None
-    assert gsd_m is not None
-    west, east, south, north = extent
+    assert place.extent_m is not None
+    assert place.gsd_m is not None
+    west, east, south, north = place.extent_m
     x, y = np.meshgrid(np.linspace(west, east, _SAMPLES), np.linspace(south, north, _SAMPLES))
     nodes = sphere_nodes(x, y).reshape(-1, 3)
     nodes = nodes[np.isfinite(nodes[:, 2])]
@@ -187,7 +137,7 @@ def _sample(
     points = frame.to_mcmf(nodes)
     facing = np.sum(points * towards, axis=-1) > 0.0
     facing |= not facing.any()
-    return points[facing], towards[facing], np.full(int(facing.sum()), gsd_m)
+    return points[facing], towards[facing], np.full(int(facing.sum()), place.gsd_m)
 
 
 def _under(camera: Camera) -> tuple[Array, Array, Array]:

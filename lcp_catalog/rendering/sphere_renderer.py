@@ -24,7 +24,7 @@ from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.view import CameraView, View
 from ..constants import MOON_RADIUS_M
-from ..errors import CameraError, SunError
+from ..errors import SunError
 from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame
 from ..light.sources import Lighting, LightSource
@@ -33,8 +33,9 @@ from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_f
 from ..terrain.area import NodeWindow
 from . import limb
 from .footprint_sampling import SurfaceMap, seen_through
+from .placement import require_above
 from .renderer import Rendering, in_colour
-from .sphere_extent import Extent
+from .request import Extent
 
 _BLOCK_PIXELS = 1 << 18
 _FACING = 1e-9  # least cosine of emission for the stretch of a footprint
@@ -189,15 +190,6 @@ def check_camera(frame: EnuFrame, view: View) -> None:
         return
     name = view.camera.name if view.camera else "the view"
     require_above(name, float(sphere_intersection.heights(frame.to_mcmf(view.position_m))))
-
-
-def require_above(name: str, height_m: float) -> None:
-    """Raise CameraError for a camera at a height of 0 or less."""
-    if height_m <= 0.0:
-        raise CameraError(
-            f"{name}: the camera is {-height_m:.6g} m below the reference sphere and sees nothing of it: "
-            "render a DEM with `surface` heightfield"
-        )
 
 
 def _require_light(result: Rendering, light: Lighting) -> None:

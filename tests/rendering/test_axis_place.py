@@ -17,7 +17,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg
-from lcp_catalog.rendering.axis_place import axis_place
+from lcp_catalog.rendering.placement import axis_place
 
 PLACE = EnuFrame(30.5, 10.5)
 M_PER_DEG = np.radians(1.0) * MOON_RADIUS_M
