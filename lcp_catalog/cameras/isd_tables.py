@@ -101,7 +101,7 @@ class Tables:
         now = np.zeros(1)
         there = self._track("sun_position").at(now)[0]
         if self._is_fixed("sun_position"):
-            return there
+            return np.asarray(there)
         return turned(self.trajectory.body.at(now)[0], there)
 
     def cover(self, first_s: float, last_s: float) -> None:

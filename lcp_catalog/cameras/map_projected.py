@@ -191,4 +191,4 @@ def _from_enu(enu: Array, lon_deg: Array, lat_deg: Array) -> Array:
     zero = np.zeros_like(lon)
     east = np.stack([-np.sin(lon), np.cos(lon), zero], axis=-1)
     up = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
-    return enu[0] * east + enu[1] * np.cross(up, east) + enu[2] * up
+    return np.asarray(enu[0] * east + enu[1] * np.cross(up, east) + enu[2] * up)

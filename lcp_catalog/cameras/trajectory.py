@@ -51,7 +51,7 @@ class Track:
             return self._lagrange(inside) + beyond * self._end_speeds(beyond)
         i = _before(self.times_s, inside)
         ends = np.where(beyond > 0.0, self.velocities_m_s[-1], self.velocities_m_s[0])
-        return self._hermite(i, inside) + beyond * ends
+        return np.asarray(self._hermite(i, inside) + beyond * ends)
 
     def _hermite(self, i: NDArray[np.intp], times_s: Array) -> Array:
         assert self.velocities_m_s is not None
@@ -83,7 +83,7 @@ class Track:
     def _end_speeds(self, beyond: Array) -> Array:
         t, p = self.times_s, self.positions_m
         first, last = (p[1] - p[0]) / (t[1] - t[0]), (p[-1] - p[-2]) / (t[-1] - t[-2])
-        return np.where(beyond > 0.0, last, first)
+        return np.asarray(np.where(beyond > 0.0, last, first))
 
 
 @dataclass(frozen=True, eq=False)

@@ -287,7 +287,7 @@ def pointed_camera(
         raise CameraError(f"{name}: the elevation is not within -90..90, or no number")
     if not 0.0 < altitude_m <= FARTHEST_M:
         raise CameraError(f"{name}: the altitude is not within 0..{FARTHEST_M / 1e3:g} km")
-    frame = EnuFrame(*place_deg)
+    frame = EnuFrame(place_deg[0], place_deg[1])
     ahead = direction_enu(azimuth_deg, elevation_deg)
     right = direction_enu(azimuth_deg + 90.0, 0.0)
     rotation = np.stack([right, np.cross(ahead, right), ahead])

@@ -232,7 +232,7 @@ def _divided(grids: Sequence[Grid], box: Bounds, latitudes_deg: Iterable[float])
 def _between(at: Array, length: float) -> Array:
     """Edges of cells: 0, the values of ``at`` between, and ``length``."""
     edges = np.unique([0.0, *at[(at > 0.0) & (at < length)], length])
-    return edges[np.append(True, np.diff(edges) > _NARROW_DEG)]
+    return np.asarray(edges[np.append(True, np.diff(edges) > _NARROW_DEG)])
 
 
 def _outline(grid: Grid, count: int, offset: float) -> tuple[Array, Array]:

@@ -122,7 +122,7 @@ def _relief(dems: DemSet, view: MapPicture) -> Array:
         return np.ones(lon.shape)
     down, right = (_SLOPE / typical * one for one in (down, right))
     lit = (1.0 + (right + down) / math.sqrt(2.0)) / np.sqrt(1.0 + right**2 + down**2)
-    return np.nan_to_num(np.clip(lit, *_BRIGHTNESS), nan=1.0)
+    return np.asarray(np.nan_to_num(np.clip(lit, *_BRIGHTNESS), nan=1.0))
 
 
 def _shaded(canvas: Bytes, brightness: Array, where: NDArray[np.bool_]) -> Bytes:

@@ -86,7 +86,7 @@ def sun_table(place: EnuFrame, times: Times) -> SunTable:
     when = instants(times)
     chunks = [_columns(place, when[k : k + _CHUNK]) for k in range(0, max(len(when), 1), _CHUNK)]
     columns = np.concatenate(chunks, axis=1)
-    return SunTable(place, when, *columns)
+    return SunTable(place, when, *columns)  # the rows of `_columns` are the fields, in their order
 
 
 def share_above_plane(

@@ -86,7 +86,7 @@ def central_angle_deg(lon1: ArrayLike, lat1: ArrayLike, lon2: ArrayLike, lat2: A
     """
     a, b = lonlat_to_mcmf(lon1, lat1), lonlat_to_mcmf(lon2, lat2)
     cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
+    return np.asarray(np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1))))
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,7 @@ class MapPlane:
         if self.projection == POLAR_STEREOGRAPHIC:
             turn = lon - math.radians(self.center_lon)
             east, up = -np.sin(turn), np.cos(turn)
-            return np.degrees(np.arctan2(east, up) if self._north else np.arctan2(-east, up))
+            return np.asarray(np.degrees(np.arctan2(east if self._north else -east, up)))
         direction = np.stack(
             [-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)], -1
         )

@@ -56,7 +56,7 @@ def product(later: Array, first: Array) -> Array:
 
 def inverse(quaternions: Array) -> Array:
     """Quaternions (..., 4) of the inverse rotations."""
-    return quaternions * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(quaternions * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def turned(quaternions: Array, vectors: Array) -> Array:

@@ -95,7 +95,7 @@ def nadir_angles(position_m: Array, directions: Array) -> Array:
     radians.
     """
     across = np.linalg.norm(np.cross(directions, position_m), axis=-1)
-    return np.arctan2(across, -(directions @ position_m))
+    return np.asarray(np.arctan2(across, -(directions @ position_m)))
 
 
 def limb_angle(position_m: Array, radius_m: float = MOON_RADIUS_M) -> float:

@@ -168,10 +168,10 @@ def _gathered(
     point, k, arriving = point[lit], k[lit], arriving[lit]
     emission = np.sum(at.normals * at.towards, axis=-1)[point]
     phase = np.sum(directions[k] * at.towards[point], axis=-1)
-    angles = (
+    i, e, g = (
         np.arccos(np.clip(cosine, -1.0, 1.0)) for cosine in (cosines[point, k], emission, phase)
     )
-    factors = radiance_factor(model, *angles)
+    factors = radiance_factor(model, i, e, g)
     return np.asarray(np.bincount(point, arriving * factors, len(at)), dtype=np.float64)
 
 

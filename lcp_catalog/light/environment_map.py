@@ -60,11 +60,11 @@ class Panorama:
 
     @property
     def rows(self) -> int:
-        return self.luminance.shape[0]
+        return int(self.luminance.shape[0])
 
     @property
     def cols(self) -> int:
-        return self.luminance.shape[1]
+        return int(self.luminance.shape[1])
 
     @property
     def pixel_rad(self) -> float:

@@ -240,7 +240,7 @@ def _elevation(panorama: Panorama, rows: Array) -> Array:
     row = np.minimum(rows.astype(np.int64), panorama.rows - 1)
     upper = np.sin(panorama.elevations[row] + 0.5 * panorama.pixel_rad)
     lower = np.maximum(np.sin(panorama.elevations[row] - 0.5 * panorama.pixel_rad), 0.0)
-    return np.arcsin(np.clip(upper - (rows - row) * (upper - lower), 0.0, 1.0))
+    return np.asarray(np.arcsin(np.clip(upper - (rows - row) * (upper - lower), 0.0, 1.0)))
 
 
 def _van_der_corput(number: int) -> float:

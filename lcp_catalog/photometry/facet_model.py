@@ -223,7 +223,7 @@ class FacetModel:
         whole = np.array(
             [kernel.hemisphere(self._curved, c, mu, weights, azimuths) for c in cosines]
         )
-        return whole * np.array([kernel.scale(self.law, c) for c in cosines])
+        return np.asarray(whole * np.array([kernel.scale(self.law, c) for c in cosines]))
 
     @cached_property
     def _head(self) -> Array:

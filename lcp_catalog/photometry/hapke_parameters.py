@@ -72,7 +72,7 @@ class HapkeSet:
         """p(g); its mean over the sphere is 1."""
         spread, b = 1.0 - self.b**2, self.b
         behind, ahead = 1.0 + b * b - 2.0 * b * cos_g, 1.0 + b * b + 2.0 * b * cos_g
-        return 0.5 * spread * ((1.0 + self.c) / behind**1.5 + (1.0 - self.c) / ahead**1.5)
+        return float(0.5 * spread * ((1.0 + self.c) / behind**1.5 + (1.0 - self.c) / ahead**1.5))
 
     @property
     def porosity(self) -> float:
@@ -80,7 +80,7 @@ class HapkeSet:
         if self.filling == 0.0:
             return 1.0
         x = 1.209 * self.filling ** (2.0 / 3.0)
-        return -math.log1p(-x) / x
+        return float(-math.log1p(-x) / x)
 
     @property
     def law(self) -> tuple[float, ...]:

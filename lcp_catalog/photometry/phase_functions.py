@@ -5,10 +5,18 @@ numbers of these models.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 from ..errors import ConfigError
-from ..kernels.photometry.laws import even_sphere, mixture, two_lobes
+from ..kernels.photometry import laws as kernel
+
+_even_sphere, _mixture, _two_lobes = (
+    cast(Callable[..., float], compiled.py_func)
+    for compiled in (kernel.even_sphere, kernel.mixture, kernel.two_lobes)
+)
+"""The kernels' functions, not compiled."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +89,9 @@ def surface_law(name: str) -> tuple[float, ...]:
     found = SURFACES[name]
     shape = (found.b0, found.h, found.c, found.asymmetry)
     cosine = math.cos(math.radians(30.0))
-    share = mixture.py_func(cosine)
+    share = _mixture(cosine)
     bright = cosine * (2.0 * share / (1.0 + cosine) + 1.0 - share)
-    return (found.r30 / (bright * two_lobes.py_func((1.0, *shape), cosine)), *shape)
+    return (found.r30 / (bright * _two_lobes((1.0, *shape), cosine)), *shape)
 
 
 def disc_law(name: str) -> tuple[float, ...]:
@@ -99,5 +107,5 @@ def disc_law(name: str) -> tuple[float, ...]:
     found = DISCS[name]
     last, step = math.radians(found.last_deg), 1e-5
     measured = (*found.a, *found.d, *found.p, math.pi, 0.0, 0.0)
-    before, at = (math.log(even_sphere.py_func(measured, math.cos(g))) for g in (last - step, last))
+    before, at = (math.log(_even_sphere(measured, math.cos(g))) for g in (last - step, last))
     return (*measured[:-3], last, at, (at - before) / step)

@@ -84,6 +84,7 @@ class ScenePlan:
     def of(cls, decisions: Sequence[Decision]) -> ScenePlan:
         """The plan of a list of decisions in the order of `decisions`."""
         named = dict(zip(_NAMED, decisions, strict=False))
+        # one decision for each named field, in their order
         return cls(**named, others=tuple(decisions[len(_NAMED) :]))
 
     @classmethod
@@ -101,6 +102,7 @@ class ScenePlan:
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> ScenePlan:
         """The plan of a document that `to_json` gave."""
+        # the keys of a decision are its fields: `to_json` wrote them
         return cls.of([Decision(**decision) for decision in document["decisions"]])
 
     def to_json(self) -> dict[str, list[dict[str, object]]]:
@@ -167,8 +169,9 @@ def plan_scene(
     nothing_hidden = not shadows.modelled and found.slope.clears(least_view)
     sphere = None
     if sphere_may_do and nothing_hidden and not accuracy.exact and accuracy.tolerance > 0.0:
-        how = (least_view, finest_m, accuracy.tolerance, in_camera_plane)
-        sphere = sphere_cost(terrain, sun, view, model, *how)
+        sphere = sphere_cost(
+            terrain, sun, view, model, least_view, finest_m, accuracy.tolerance, in_camera_plane
+        )
     away_m = float(np.hypot(found.box.corners_m[:, 0], found.box.corners_m[:, 1]).max())
     half_m = 0.5 * float(np.hypot(*(found.box.high_m - found.box.low_m)[:2]))
     law = effects.reflectance(choice) if choice else effects.reflectance_as_asked(model.name)
@@ -275,7 +278,7 @@ def ring_decision(
         sides = np.concatenate([-box.low_m[:2], box.high_m[:2]])
         lowest, origin_m = float(box.low_m[2]), float(sides.min()) + known_m
         horizon = horizon_beyond_rad(known_m, lowest, origin_m, terrain.frame.height_m)
-    rest = (terrain.field.gsd_m, limit_m if limited else None, horizon)
+    gsd_m, ends_m = terrain.field.gsd_m, limit_m if limited else None
     if far is not None:
-        return effects.far_terrain(ring_m, needed_m, ring, far, *rest)
-    return effects.near_terrain(ring_m, needed_m, ring, *rest)
+        return effects.far_terrain(ring_m, needed_m, ring, far, gsd_m, ends_m, horizon)
+    return effects.near_terrain(ring_m, needed_m, ring, gsd_m, ends_m, horizon)

@@ -55,25 +55,24 @@ def geotiff(
     green, blue) of bands that are shown in one.
     """
     rows, columns = np.shape(next(iter(bands.values())))
-    profile = {
-        "driver": "COG",
-        "width": columns,
-        "height": rows,
-        "count": len(bands),
-        "dtype": dtype,
-        "nodata": np.nan,
-        "crs": crs,
-        "transform": transform,
-        "blocksize": TILE,
-        "compress": "deflate",
-        "predictor": "floating_point",
-        "bigtiff": "if_safer",
-        "overview_resampling": "average",
-        "statistics": "yes",
-    }
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
-        with memory.open(**profile) as file:
+        with memory.open(
+            driver="COG",
+            width=columns,
+            height=rows,
+            count=len(bands),
+            dtype=dtype,
+            nodata=np.nan,
+            crs=crs,
+            transform=transform,
+            blocksize=TILE,
+            compress="deflate",
+            predictor="floating_point",
+            bigtiff="if_safer",
+            overview_resampling="average",
+            statistics="yes",
+        ) as file:
             for index, (name, band) in enumerate(bands.items(), start=1):
                 file.write(np.asarray(band).astype(dtype, copy=False), index)
                 file.set_band_description(index, name)
@@ -103,7 +102,9 @@ def png(values: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
     count, rows, columns = planes.shape
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        profile = {"driver": "PNG", "width": columns, "height": rows, "count": count}
-        with memory.open(**profile, dtype=values.dtype.name) as file:
+        dtype = values.dtype.name
+        with memory.open(
+            driver="PNG", width=columns, height=rows, count=count, dtype=dtype
+        ) as file:
             file.write(planes)
         return bytes(memory.getbuffer())

@@ -34,10 +34,11 @@ from ..terrain.area import NodeWindow
 from . import limb
 from .footprint_sampling import SurfaceMap, seen_through
 from .placement import require_above
-from .renderer import Rendering, in_colour
+from .renderer import Band, Rendering, in_colour
 from .request import Extent
 
 _BLOCK_PIXELS = 1 << 18
+_ANGLES = ("incidence_deg", "emission_deg", "phase_deg")
 _FACING = 1e-9  # least cosine of emission for the stretch of a footprint
 
 
@@ -287,21 +288,33 @@ def _factors(
 def _empty(
     shape: tuple[int, int], dtype: type[np.floating], albedo: SurfaceMap | ColourMap | None
 ) -> dict[str, Any]:
-    bands = {
-        name: np.full(shape, np.nan, dtype)
-        for name in ("incidence_deg", "emission_deg", "phase_deg")
-    }
+    bands = {name: np.full(shape, np.nan, dtype) for name in _ANGLES}
     colours = (len(albedo.bands),) if isinstance(albedo, ColourMap) else ()
     bands["radiance"] = np.full((*colours, *shape), np.nan, dtype)
     return bands | {name: np.zeros(shape, dtype) for name in ("sunlit", "visible")}
 
 
 def _put(out: dict[str, Any], block: slice, there: Mask, bands: _Bands, share: Array) -> None:
-    for name in ("radiance", "sunlit", "incidence_deg", "emission_deg", "phase_deg"):
+    for name in ("radiance", "sunlit", *_ANGLES):
         out[name][..., block, :][..., there] = getattr(bands, name)
     out["visible"][block][there] = share
 
 
-def _rendering(out: dict[str, Any], **rest: Any) -> Rendering:
+def _rendering(
+    out: dict[str, Any], height_m: Band | None = None, position_mcmf_m: Array | None = None
+) -> Rendering:
     radiance, colour = in_colour(out["radiance"])
-    return Rendering(**(out | {"radiance": radiance}), colour=colour, **rest)
+    sunlit, visible, incidence, emission, phase = (
+        out[name] for name in ("sunlit", "visible", *_ANGLES)
+    )
+    return Rendering(
+        radiance,
+        sunlit,
+        visible,
+        incidence,
+        emission,
+        phase,
+        height_m,
+        position_mcmf_m,
+        colour=colour,
+    )
