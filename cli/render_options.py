@@ -20,8 +20,7 @@ from .value_types import AZIMUTH, POSITIVE, Finite, Number
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.production.config import AreaConfig, ModelConfig
-    from lcp_catalog.rendering.request import AreaInView, Request
-    from lcp_catalog.rendering.sphere_extent import SphereArea
+    from lcp_catalog.rendering.request import AreaInView, Request, SphereArea
     from lcp_catalog.terrain.area import Area
 
 
@@ -155,8 +154,7 @@ class RenderOptions:
 
     def _area(self) -> Area | SphereArea | AreaInView | None:
         """The area; None for what the camera sees, else the whole DEM."""
-        from lcp_catalog.rendering.request import AreaInView
-        from lcp_catalog.rendering.sphere_extent import SphereArea
+        from lcp_catalog.rendering.request import AreaInView, SphereArea
 
         center, size_km = self._center(), self.size_km
         if self._is_in_view and size_km is not None:
@@ -167,10 +165,11 @@ class RenderOptions:
 
     def request(self) -> Request:
         """The library's request. Raises the library's errors for files that cannot be read."""
+        from lcp_catalog.dem.public import dem_set
         from lcp_catalog.photometry.colour_map import open_map
         from lcp_catalog.photometry.law_choice import named
         from lcp_catalog.rendering.compositing import Backdrop
-        from lcp_catalog.rendering.request import Request, ViewChoice
+        from lcp_catalog.rendering.request import Request, ViewAngles, ViewChoice
 
         shown = self.view
         camera = shown.camera.open(self.center_deg, shown.altitude_km, shown.in_plane)
@@ -178,19 +177,17 @@ class RenderOptions:
         behind = None
         if shown.has_backdrop:
             behind = Backdrop.open(shown.shadow_catcher, shown.background, shown.background_white)
-        angles = shown.off_nadir or 0.0, shown.view_azimuth or 0.0
-        view = ViewChoice(None, angles[0], angles[1], shown.altitude_km)
+        angles = ViewAngles(shown.off_nadir or 0.0, shown.view_azimuth or 0.0, shown.altitude_km)
         return Request(
-            dem_paths=self.dem,
+            dems=dem_set(self.dem, self.product_order or ()) if self.dem else None,
             area=self._area(),
             gsd_m=self.gsd_m,
             sun=self.sun,
-            view=view if camera is None else ViewChoice.of(camera),
+            view=ViewChoice(camera or angles),
             in_camera_plane=shown.in_plane,
             model=named(self.model.reflectance),
             accuracy=self.model.precision,
             disc=self.disc,
-            product_order=self.product_order or (),
             albedo=options.albedo_map(self.model, open_map),
             surface=self.surface,
             environment=self.light.open(),

@@ -153,7 +153,9 @@ def matching(rounds: int) -> list[Row]:
     catalog = catalog_of_dem(lon.ravel(), lat.ravel(), PATCH, DEM_CELL_M)
     frame = EnuFrame(3.5, 26.0, -1000.0)
     camera = looking_at(frame, 300e3, 0, 0, 20, 300e3 / DEM_CELL_M, (640, 640))
-    request = Request([DEM], sun=SunChoice(90, 20), view=ViewChoice(camera), disc=False)
+    request = Request(
+        DemSet.open([DEM]), sun=SunChoice(90, 20), view=ViewChoice(camera), disc=False
+    )
     photo = simulated_image(request, Detector(blur_px=0.5, noise=0.02, bits=12, seed=1))
     points = np.resize(points_in_view(catalog, photo.sensor), POINTS)
     whole = partial(find_points, catalog, photo, DEFAULT_MODEL, REACH_PX, points=points)

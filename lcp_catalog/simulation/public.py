@@ -10,6 +10,7 @@ from ..atomic_files import check_output, write_bytes
 from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
 from ..catalog.catalogue import Catalog
+from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_set
 from ..errors import ConfigError
 from ..light.environment import Environment

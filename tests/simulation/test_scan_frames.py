@@ -14,7 +14,7 @@ from simulation.test_frame import APART, CELL_M, LAW, PLACE, patches, rolling
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.camera_file import read_sensor
-from lcp_catalog.cameras.frame_camera import camera_with_plane
+from lcp_catalog.cameras.frame_camera import Camera, fields_of_plane
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError, CameraError
 from lcp_catalog.rendering.request import Request, ViewChoice
@@ -71,8 +71,8 @@ def test_framelets_are_frames_of_their_own(dem, tmp_path):
     assert np.isfinite(found).all()
     for k, one in enumerate(frames.exposures):
         now = np.full(3, one.middle_s)
-        camera = camera_with_plane(
-            one.plane,
+        camera = Camera(
+            **fields_of_plane(one.plane),
             position_mcmf_m=one.trajectory.positions(now)[0],
             rotation_mcmf_to_camera=one.trajectory.to_mcmf(now, np.eye(3)),
             image_size_px=(40, 12),
