@@ -60,14 +60,6 @@ def smooth_terraces(
     return Smoothed(np.where(there, best * step_m + middle, np.nan), moved * step_m, rounds)
 
 
-def bending(heights_m: ArrayLike) -> float:
-    """Sum of z_xx^2 + 2 z_xy^2 + z_yy^2 over heights (rows, cols), by second differences between neighbours, in metres squared."""
-    heights = np.asarray(heights_m, dtype=np.float64)
-    there = np.isfinite(heights)
-    values = np.where(there, heights, 0.0)
-    return float(np.sum(values * _Plate.over(there).slope(values)))
-
-
 @dataclass(frozen=True, eq=False)
 class _Plate:
     """Which second differences exist: along rows, along columns, across."""

@@ -1,7 +1,7 @@
 """Time of the main job: areas of three terrains by stage beside a straightforward pipeline in the same process, and whole builds
 beside another commit.
 
-    python -m benchmarks.speed build areas commit roofline memory jobs        (make bench-build; default: areas)
+    python -m benchmarks.speed build areas commit roofline jobs        (make bench-build; default: areas)
     python -m benchmarks.speed build --case highland --rounds 1
     python -m benchmarks.speed build commit --against 4e256b5 --size 60
 
@@ -229,16 +229,6 @@ def sample(size_km: float, output: Path, *more: str) -> list[str]:
     return [*build, "-o", str(output), "--overwrite", *more]
 
 
-def memory(asked: argparse.Namespace) -> Iterator[str]:
-    """Greatest memory of the build's process and of a worker under promises of memory."""
-    rows = []
-    for promise in (["--memory", "0.45"], ["--memory", "1"], []):
-        done = lcp(*sample(asked.size, asked.output / "memory.h5", "--jobs", "2", *promise))
-        figures = [done.worker_mb, done.parent_mb, done.seconds]
-        rows.append([promise[-1] if promise else "none", *(f"{figure:.0f}" for figure in figures)])
-    yield f"## memory\n\n{table(['`--memory`, GB', 'worker, MB', 'parent, MB', 's'], rows)}"
-
-
 def jobs(asked: argparse.Namespace) -> Iterator[str]:
     """One and two jobs in turn, and what ``--plan`` states of one."""
     output = asked.output / "jobs.h5"
@@ -268,5 +258,5 @@ def jobs(asked: argparse.Namespace) -> Iterator[str]:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-    f.__name__: f for f in (areas, commit, roofline, memory, jobs)
+    f.__name__: f for f in (areas, commit, roofline, jobs)
 }

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lcp_catalog.arrays import Array
 
@@ -120,44 +118,6 @@ def _margins(z: Array, rays_from: Callable[[Array], Array], s_max: float) -> Arr
         margins[n] = math.inf if rays[n, 2] < 0 and touches.any() else -math.inf
     out[there] = margins
     return out
-
-
-def exact_triangles(z: NDArray) -> list[list[tuple[Fraction, ...]]]:
-    """`triangles` in rational arithmetic."""
-    corners = triangles(np.asarray(z, dtype=np.float64)).tolist()
-    return [[tuple(Fraction(c) for c in corner) for corner in three] for three in corners]
-
-
-def blocked_exactly(corners: list, origin: tuple, ray: tuple) -> bool:
-    """Whether some triangle lies strictly above the ray from a node at s > 0, in rational
-    arithmetic: ties are decided.
-    """
-    start, along = (tuple(Fraction(c) for c in three) for three in (origin, ray))
-    return any(_above_exactly(three, start, along) for three in corners)
-
-
-def _above_exactly(corners: list, origin: tuple, ray: tuple) -> bool:
-    (ou, ov, oz), (du, dv, dz) = origin, ray
-    (au, av, az), (bu, bv, bz), (cu, cv, cz) = corners
-    det = (bu - au) * (cv - av) - (cu - au) * (bv - av)
-    near, far = Fraction(0), None
-    for (pu, pv, _), (qu, qv, _) in zip(corners, corners[1:] + corners[:1], strict=True):
-        nu, nv = (-(qv - pv), qu - pu) if det > 0 else (qv - pv, -(qu - pu))
-        inside, rate = nu * (ou - pu) + nv * (ov - pv), nu * du + nv * dv
-        if rate > 0:
-            near = max(near, -inside / rate)
-        elif rate < 0:
-            far = -inside / rate if far is None else min(far, -inside / rate)
-        elif inside < 0:
-            return False
-    if far is None or near > far:
-        return False
-    zu = ((bz - az) * (cv - av) - (cz - az) * (bv - av)) / det
-    zv = ((bu - au) * (cz - az) - (cu - au) * (bz - az)) / det
-    return any(
-        s > 0 and az + zu * (ou + du * s - au) + zv * (ov + dv * s - av) > oz + dz * s
-        for s in (near, far)
-    )
 
 
 def textbook_hit(

@@ -16,6 +16,8 @@ from scipy.ndimage import maximum_filter
 from scipy.signal import fftconvolve
 from scipy.special import log_ndtr
 
+from .twins_registration import node_slopes
+
 Array = NDArray[np.float64]
 
 _STEPS = np.linspace(-8.0, 8.0, 321)
@@ -223,16 +225,9 @@ def _strongest(
 
 
 def sixth_order_slopes(patch: Array) -> tuple[Array, Array]:
-    """Derivatives (down, right) by differences over seven nodes, over five and three near the edge, one-sided at it."""
-    slopes = []
-    for axis in (0, 1):
-        p = np.moveaxis(patch, axis, 0)
-        slope = np.gradient(p, axis=0)
-        slope[2:-2] = (8.0 * (p[3:-1] - p[1:-3]) - (p[4:] - p[:-4])) / 12.0
-        near, middle, far = p[4:-2] - p[2:-4], p[5:-1] - p[1:-5], p[6:] - p[:-6]
-        slope[3:-3] = (45.0 * near - 9.0 * middle + far) / 60.0
-        slopes.append(np.moveaxis(slope, 0, axis))
-    return slopes[0], slopes[1]
+    """Derivatives (down, right) by differences over seven nodes (`twins_registration.node_slopes`)."""
+    down, right = (node_slopes(patch[None], axis)[0] for axis in (1, 2))
+    return down, right
 
 
 def _integral(values: Array) -> float:

@@ -24,15 +24,14 @@ from helpers.random_heightfields import (
 )
 from helpers.synthetic import cratered
 from helpers.twins import (
-    blocked_exactly,
     blocking,
-    exact_triangles,
     in_cells,
     node_margins,
     node_margins_to,
     textbook_hit,
     triangles,
 )
+from helpers.twins_extremes import blocked, exact
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -62,9 +61,9 @@ class TestOccludedNodes:
             z[rng.random(z.shape) < 0.25] = np.nan
         east, north, _ = axis
         answer = Heightfield(z, 1.0).occluded_nodes([east, north, float(rise)])
-        corners, ray = exact_triangles(z), (east, -north, rise)
+        ray = exact((east, -north, rise))
         for i, j in np.argwhere(np.isfinite(z)).tolist():
-            assert answer[i, j] == blocked_exactly(corners, (j, i, float(z[i, j])), ray), (i, j)
+            assert answer[i, j] == blocked(z, exact((j, i, z[i, j])), ray), (i, j)
 
     @quick
     @given(terrains(holes=0.0), suns)
