@@ -350,7 +350,7 @@ def _amount(name: str, first: AnyArray, second: AnyArray) -> AnyArray:
     """The largest difference of each row: 0 for none, inf if only one has a value."""
     flat = (len(first), -1)
     if name == "condition":
-        return np.count_nonzero((first != second).reshape(flat), axis=1)
+        return np.asarray(np.count_nonzero((first != second).reshape(flat), axis=1))
     if VARIABLES[name].dtype == TEXT:
         return np.asarray(first != second, np.float64)
     a, b = first.astype(np.float64).reshape(flat), second.astype(np.float64).reshape(flat)

@@ -197,7 +197,7 @@ def _attribute_fault(place: h5py.Group, name: str) -> str:
 def has_group(file: h5py.File, name: str) -> bool:
     """True if there is a group or a variable of this name, damaged or not."""
     try:
-        return file.id.links.exists(name.encode())
+        return bool(file.id.links.exists(name.encode()))
     except HDF5_ERRORS:
         return True
 

@@ -242,7 +242,7 @@ class ChunkDigests:
 
     def _is_sound(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bool:
         mask, stored = dataset.id.read_direct_chunk(grid.offset(number))
-        return chunk_digest(stored, mask) == self._table[number].tobytes()
+        return bool(chunk_digest(stored, mask) == self._table[number].tobytes())
 
 
 def digest_table(

@@ -188,7 +188,8 @@ def _promise(catalog: Catalog, found: dict[str, Any]) -> dict[str, Any] | None:
         chart = axes.draw(
             line, "share of the conditions that are served, against the number of points"
         )
-    return told | {"chart": chart, "worst": [worst_text(sun) for sun in told["worst_suns"]]}
+    worst = [worst_text(sun) for sun in told["worst_suns"]]
+    return {**told, "chart": chart, "worst": worst}
 
 
 def _figures(found: dict[str, Any]) -> list[tuple[str, str]]:

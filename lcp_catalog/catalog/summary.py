@@ -110,7 +110,7 @@ def describe(path: Path | str) -> dict[str, Any]:
         problems, found = apart(StoredFile.of(path), _described)
     except CatalogError as error:
         problems, found = [str(error).removeprefix(f"{path}: ")], {}
-    return dict.fromkeys(names) | {"intact": not problems, "problems": problems} | found
+    return {**dict.fromkeys(names), "intact": not problems, "problems": problems, **found}
 
 
 def _described(path: str) -> tuple[list[str], dict[str, Any]]:

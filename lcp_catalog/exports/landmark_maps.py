@@ -65,4 +65,5 @@ def reflectance(heights: AnyArray, gsd_m: float, sun: Array, albedo: AnyArray | 
     light = np.where((clear >= 0.0) & (light > 0.0), light, 0.0)
     if albedo is not None:
         light = light * np.nan_to_num(albedo, nan=1.0)
-    return np.rint(255.0 * light / max(float(light.max()), 1e-30)).astype(np.uint8)
+    grey = np.rint(255.0 * light / max(float(light.max()), 1e-30))
+    return np.asarray(grey.astype(np.uint8))

@@ -140,7 +140,7 @@ def _operations_by_distance(nodes: int, reach: int) -> int:
 
 def _operations_by_components(nodes: int, components: Float32) -> int:
     count = components.shape[2]
-    return 2 * count * nodes * (nodes + count)
+    return int(2 * count * nodes * (nodes + count))
 
 
 def _between(values: Array) -> Array:

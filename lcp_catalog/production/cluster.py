@@ -59,9 +59,10 @@ def run_on_cluster(
     with _connected(scheduler) as client:
         expected = Expected.here(inputs)
 
-        def send(index: int) -> Future:
+        def send(index: int) -> Future[Any]:
             task = _with_absolute_paths(tasks[index])
-            return client.submit(run_on_worker, function, task, expected, pure=False)
+            sent: Future[Any] = client.submit(run_on_worker, function, task, expected, pure=False)
+            return sent
 
         suspects = []
         for index, outcome in _outcomes(client, send, range(len(tasks))):
@@ -183,7 +184,7 @@ def _address(scheduler: str) -> str:
 
 
 def _outcomes(
-    client: Client, send: Callable[[int], Future], indices: Sequence[int]
+    client: Client, send: Callable[[int], Future[Any]], indices: Sequence[int]
 ) -> Iterator[tuple[int, Any]]:
     """Send the tasks, a few for each thread of the cluster at a time; yield what comes back."""
     waiting, running = deque(indices), dict[Any, int]()
@@ -205,7 +206,7 @@ def _outcomes(
         ) from error
 
 
-def _ended(client: Client, running: list[Future]) -> list[Future]:
+def _ended(client: Client, running: list[Future[Any]]) -> list[Future[Any]]:
     """Those that have ended, at least one."""
     from distributed import wait
 
@@ -217,7 +218,7 @@ def _ended(client: Client, running: list[Future]) -> list[Future]:
                 log.warning("the dask cluster has no worker; waiting for one")
 
 
-def _fetched(future: Future) -> Any:
+def _fetched(future: Future[Any]) -> Any:
     """The result or the exception. ClusterError if the worker cannot take part, CancelledError if the
     scheduler is lost.
     """

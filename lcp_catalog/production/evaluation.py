@@ -129,7 +129,7 @@ def evaluate(
 def _first_alike(directions: Array, ranges_m: Array) -> Index:
     """The number of the first of equal directions (n, 3) with equal ranges (n,), for each."""
     apart = np.abs(directions[:, None] - directions).max(axis=2)
-    return np.argmax((apart < 1e-9) & (ranges_m[:, None] == ranges_m), axis=1)
+    return np.asarray(np.argmax((apart < 1e-9) & (ranges_m[:, None] == ranges_m), axis=1))
 
 
 class _Judge:

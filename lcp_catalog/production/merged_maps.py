@@ -43,7 +43,8 @@ class MergedPart:
 
     def contains(self, lon_deg: Array, lat_deg: Array) -> AnyArray:
         """True for places in any of the regions."""
-        return np.any([region.contains(lon_deg, lat_deg) for region in self.regions], axis=0)
+        inside = [region.contains(lon_deg, lat_deg) for region in self.regions]
+        return np.asarray(np.any(inside, axis=0))
 
     def heights(self, lon_deg: Array, lat_deg: Array) -> Array:
         """Heights of its overview at places (n,), bilinear between the nodes, NaN outside."""

@@ -67,7 +67,7 @@ class Patches:
     @property
     def size(self) -> int:
         """Nodes along a side."""
-        return self.alone.shape[1]
+        return int(self.alone.shape[1])
 
     @property
     def errors(self) -> PatchErrors:

@@ -121,7 +121,8 @@ class Heightfield:
     def _pyramid(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        return max_pyramid.build_pyramid(self.z_m)
+        levels, first, rows, cols = max_pyramid.build_pyramid(self.z_m)
+        return levels, first, rows, cols
 
     @property
     def traced(self) -> tuple[NDArray[np.float32], bool, tuple[Any, ...], float]:

@@ -61,7 +61,7 @@ def _occluded(
         towards = Direction.of(direction)
         elevations = np.array([towards.elevation_rad])
         masks = draft_occluded(field, towards.azimuth_rad, elevations, inside)
-        return masks[0].view(np.bool_)
+        return np.asarray(masks[0].view(np.bool_))
     effort = PROVED if accuracy.shadows == "proved" else LIKELY
     return hybrid_occluded(field, ray, inside, effort)[0]
 

@@ -103,7 +103,7 @@ def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
     evaluation = candidates.evaluation
     works = usable(evaluation.condition[rows])
     sigma_m = np.where(works, evaluation.sigma_major_m[rows, 0], -np.inf)
-    return sigma_m.max(axis=(1, 2, 3))
+    return np.asarray(sigma_m.max(axis=(1, 2, 3)))
 
 
 def _detection_changes(

@@ -20,8 +20,9 @@ from ..geometry.angles import turned_deg
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.pictures import data_uri
+from .image_errors import ErrorPicture
 from .law_costs import CONTRAST, WINDOW, ModelChanges
-from .measurement import ErrorPicture, Trade
+from .measurement import Trade
 from .pareto_plot import pareto
 from .point_changes import DETECTION_CHANGE
 
@@ -352,4 +353,5 @@ def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     padded = np.pad(mask, 1)
     rows, cols = mask.shape
     steps = [(i, j) for i in range(3) for j in range(3)]
-    return np.any([padded[i : i + rows, j : j + cols] for i, j in steps], axis=0)
+    near = [padded[i : i + rows, j : j + cols] for i, j in steps]
+    return np.asarray(np.any(near, axis=0))

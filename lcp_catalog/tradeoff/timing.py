@@ -89,9 +89,8 @@ class Runs:
         """Seconds of all areas by a clock (a field of `TimedArea`), each the median over its
         rounds.
         """
-        return sum(
-            statistics.median(getattr(r, clock) for r in runs) for runs in self.areas.values()
-        )
+        areas = self.areas.values()
+        return sum(float(statistics.median(getattr(r, clock) for r in runs)) for runs in areas)
 
     @property
     def by_round(self) -> list[float]:
