@@ -12,9 +12,8 @@ from .groups import collected
 from .value_types import AZIMUTH, POSITIVE, SUN_SKY_RATIO
 
 if TYPE_CHECKING:
-    from lcp_catalog.light.environment import Environment
+    from lcp_catalog.light.environment import Environment, RatioChoice
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.light.sun_sky_ratio import RatioChoice
 
 
 @dataclass(frozen=True)

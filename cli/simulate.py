@@ -187,7 +187,7 @@ def command(
     if Path(output).suffix.lower() not in PNG + TIFF:
         raise click.UsageError(f"-o {output}: the output must end in .png or .tif")
 
-    from lcp_catalog.photometry.colour_map import open_grey_map
+    from lcp_catalog.photometry.albedo_map import open_grey_map
     from lcp_catalog.simulation.output import camera_path, encode_camera, encode_frame
     from lcp_catalog.simulation.public import lone_catalog, simulate
 

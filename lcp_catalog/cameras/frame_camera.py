@@ -20,8 +20,7 @@ from ..constants import MOON_RADIUS_M
 from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.rotations import by_vector
-from .distortion import Lens, NoLens, OpenCV, lens_from_json
-from .focal_plane import FocalPlane
+from .distortion import FocalPlane, Lens, NoLens, OpenCV, lens_from_json
 from .json_fields import LARGEST
 from .sensor import POSE, FullSensor
 

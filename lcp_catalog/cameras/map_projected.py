@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import ImageError, LabelError
-from ..geometry.angles import turned_deg
+from ..geometry.bounds import turned_deg
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.map_projection import MapProjection, map_projection
 from .sensor import ON_MAP, FullSensor

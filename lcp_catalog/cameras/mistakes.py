@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..geometry.angles import turned_deg, wrapped_deg
+from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.sphere_intersection import hits
 from .frame_camera import Camera

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..geometry.frames import EnuFrame
-from .focal_plane import FocalPlane
+from .distortion import FocalPlane
 from .sensor import POSE, FullSensor
 from .trajectory import Trajectory
 

@@ -16,8 +16,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import CameraError
-from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix
-from .focal_plane import plane_of
+from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_of
 from .frame_camera import Camera, fields_of_plane
 from .json_fields import LARGEST
 

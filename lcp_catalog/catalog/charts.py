@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray
-from ..geometry.angles import turned_deg, wrapped_deg
+from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.map_plane import MapPlane
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import nice_step, number

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
-from ..geometry.angles import turned_deg, wrapped_deg
+from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, EVALUATED, UNOCCLUDED, UNSHADOWED, reaches

@@ -13,8 +13,7 @@ import numpy as np
 from ..arrays import AnyArray
 from ..constants import FRAME
 from ..errors import CatalogError
-from ..geometry.angles import turned_deg
-from ..geometry.bounds import enclosing_arc
+from ..geometry.bounds import enclosing_arc, turned_deg
 from ..plots.numbers import number
 from .catalogue import Catalog
 from .promise import kept_promise, promise_rows

@@ -4,6 +4,8 @@ areas needs again.
 A window of blocks is assembled from square tiles of a fixed lattice. So the mean of a block does
 not depend on the window, and a large file is read once for each block size. The last windows of
 pixels are kept with a margin, since the steps of an iteration need almost the same ones.
+
+Limit of the memory in which a process keeps what it has read of DEM files: tiles of means, and GDAL's blocks.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from collections.abc import Callable, Hashable
 import numpy as np
 
 from ..arrays import Float32
+from .raster import GDAL_CACHE_BYTES, limit_gdal_cache
 
 Window = tuple[int, int, int, int]
 """First row, row behind the last, first column, column behind the last."""
@@ -134,3 +137,15 @@ def recent(
         while len(_windows) > RECENT:
             _windows.popitem(last=False)
     return pixels, more[0], more[2]
+
+
+CACHES_BYTES = LIMIT_BYTES + GDAL_CACHE_BYTES
+"""Greatest size of the caches together, which is also the size without a limit of the caller's."""
+
+
+def limit_caches(size_bytes: int) -> None:
+    """Let the caches of this process take so much memory together, half each, at most `CACHES_BYTES`.
+    What is read does not depend on it.
+    """
+    limit(size_bytes // 2)
+    limit_gdal_cache(size_bytes // 2)

@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Bytes
-from ..geometry.angles import wrapped_deg
-from ..geometry.bounds import Bounds
+from ..geometry.bounds import Bounds, wrapped_deg
 from ..plots.pictures import encode_png
 from ..plots.text import HEIGHT_PX, LINE_PX, draw_text, width_px
 from .grid import Grid
-from .mosaic import DemSet
-from .nearest_pixels import nearest_heights
+from .mosaic import DemSet, nearest_heights
 from .pixel_statistics import HeightStatistics
 
 Colour = tuple[int, int, int]

@@ -13,10 +13,9 @@ from ..errors import DemError, LabelError, LcpError
 from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
 from .effective_resolution import Resolution, of_file
-from .georeferenced import Gridded, grid_of
 from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
-from .raster import Raster, dataset_files, open_dataset, require_file
+from .raster import Gridded, Raster, dataset_files, grid_of, open_dataset, require_file
 
 
 @dataclass(frozen=True)

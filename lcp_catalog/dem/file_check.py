@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import LcpError
-from ..geometry.angles import wrapped_deg
+from ..geometry.bounds import wrapped_deg
 from ..pds.label import Label
 from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3

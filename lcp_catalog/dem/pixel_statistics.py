@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..geometry.angles import wrapped_deg
-from ..geometry.bounds import enclosing_bounds
+from ..geometry.bounds import enclosing_bounds, wrapped_deg
 from .dem import Dem
 from .grid import Grid
 from .raster import Raster

@@ -19,8 +19,8 @@ from ..constants import MOON_RADIUS_M
 from ..kernels.resampling import heights
 from . import block_cache
 from .blending import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
-from .georeferenced import Gridded
 from .grid import Grid
+from .raster import Gridded
 
 Places = NDArray[np.intp] | slice
 File = TypeVar("File", bound=Gridded)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array
 from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..errors import SunError
-from ..geometry.angles import turned_deg
+from ..geometry.bounds import turned_deg
 
 
 def reachable_suns(

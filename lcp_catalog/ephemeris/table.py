@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, FRAME, SOLAR_RADIUS_RAD
-from ..geometry.angles import turned_deg
+from ..geometry.bounds import turned_deg
 from ..geometry.frames import EnuFrame, azimuth_elevation, mcmf_to_lonlat
 from .limb_darkening import VISIBLE, LimbDarkening
 from .solar_position import DIRECTION_ERROR_DEG, ERROR_YEARS, apparent_sun

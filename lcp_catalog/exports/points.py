@@ -15,8 +15,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import patch_nodes
 from ..catalog.schema import VARIABLES, evaluated, usable
 from ..errors import AreaError
-from ..geometry.angles import wrapped_deg
-from ..geometry.bounds import Bounds
+from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from .frames import LunarFrame
 

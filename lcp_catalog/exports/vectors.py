@@ -17,8 +17,7 @@ import numpy as np
 from ..arrays import AnyArray, Array
 from ..catalog.schema import COVERAGE_STATUS
 from ..constants import FRAME
-from ..geometry.angles import wrapped_deg
-from ..geometry.bounds import Bounds
+from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import mcmf_to_lonlat
 from .packages import package
 from .points import ExportedPoints, cells, plain

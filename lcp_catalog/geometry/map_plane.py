@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from .angles import turned_deg, wrapped_deg
-from .bounds import Bounds
+from .bounds import Bounds, turned_deg, wrapped_deg
 from .frames import EnuFrame, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 
 ORTHOGRAPHIC = "orthographic"

@@ -21,8 +21,16 @@ from ..geometry.frames import EnuFrame
 from ..light.sun_choice import SunChoice
 from ..photometry.srgb import decode_srgb
 from .image import Image
-from .pixels import ImagePixels, image_shape, read_pixels
-from .special_pixels import Codes, SpecialPixels, isis_special, plateau_ends, touching_edge
+from .pixels import (
+    Codes,
+    ImagePixels,
+    SpecialPixels,
+    image_shape,
+    isis_special,
+    plateau_ends,
+    read_pixels,
+    touching_edge,
+)
 from .sun_from_label import ImageLabel, read_image_label
 
 log = logging.getLogger(__name__)

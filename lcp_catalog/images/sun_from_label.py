@@ -26,8 +26,7 @@ from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4, xml_root
 from ..pds.pvl import Quantity
-from .pixels import ImagePixels
-from .special_pixels import NO_CODES, Codes
+from .pixels import NO_CODES, Codes, ImagePixels
 
 Item = tuple[str, Any]
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
-from ..geometry.angles import turned_deg
+from ..geometry.bounds import turned_deg
 from ..geometry.frames import lonlat_to_mcmf
 from ..kernels.points import thinned
 from ..threads import thread_count

@@ -28,8 +28,7 @@ from ..photometry.laws import Reflectance, radiance_factor, radiance_under
 from ..terrain.heightfield import Heightfield
 from ..terrain.horizons import HorizonPoints
 from ..terrain.terrain import Terrain
-from .sources import Lighting, LightSource
-from .surface_points import SurfacePoints
+from .sources import Lighting, LightSource, SurfacePoints
 
 BOUNCE_RMS = {"draft": 0.25, "standard": 0.15, "high": 0.06, "reference": 0.06}
 """Bound on the rms error of the directions, by tier, as a share of the mean bounced light; measured

@@ -27,8 +27,7 @@ from ..constants import ASTRONOMICAL_UNIT_M
 from ..ephemeris.limb_darkening import LimbDarkening
 from ..ephemeris.solar_position import apparent_sun, lunar_rotation
 from ..ephemeris.times import Times, instants
-from ..geometry.direction import Direction
-from ..geometry.frames import EnuFrame
+from ..geometry.frames import Direction, EnuFrame
 from .solar_disc import SolarDisc
 from .sources import LightSource
 

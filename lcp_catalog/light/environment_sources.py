@@ -137,7 +137,7 @@ class SourceSplit:
         return levels[0] / rest if rest > 0.0 else math.inf
 
     def with_ratio(self, ratio: float) -> SourceSplit:
-        """The same with the most powerful source scaled to a `sun_sky_ratio` (CIE clear sky: 4;
+        """The same with the most powerful source scaled to a `environment` (CIE clear sky: 4;
         section 4 of the paper). ImageError without a source or without a sky.
         """
         if not (math.isfinite(ratio) and ratio > 0.0):

@@ -32,7 +32,7 @@ from ..terrain.occlusion import occluded_sweep
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
 from .environment_map import Panorama
-from .surface_points import SurfacePoints
+from .sources import SurfacePoints
 
 BETWEEN_NODES_RMS = 0.009
 """Additional rms error of draft and standard in a camera's plane, as a share of the mean radiance:

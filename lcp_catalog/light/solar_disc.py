@@ -19,7 +19,7 @@ from ..accuracy import Accuracy
 from ..arrays import Array
 from ..constants import ASTRONOMICAL_UNIT_M, SOLAR_RADIUS_RAD
 from ..ephemeris.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
-from ..geometry.direction import Direction
+from ..geometry.frames import Direction
 from ..kernels.rays import bundles, horizon
 from ..terrain import occlusion
 from ..terrain.far_terrain import FarTerrain

@@ -19,7 +19,7 @@ from ..choices import CHART_ENDINGS
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import instants
 from ..errors import OutputError
-from ..geometry.angles import wrapped_deg
+from ..geometry.bounds import wrapped_deg
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.html_page import page
 from ..plots.numbers import number

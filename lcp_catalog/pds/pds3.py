@@ -17,7 +17,7 @@ from typing import Any
 
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
-from ..geometry.angles import wrapped_deg
+from ..geometry.bounds import wrapped_deg
 from . import pvl
 from .label import DeclaredStatistics, Label, file_bytes
 from .pvl import Pvl, Quantity

@@ -13,8 +13,7 @@ import tomli_w
 
 from ..errors import ConfigError, InputError, plain
 from ..toml_files import is_number, parse_toml
-from .facet_labunets2019 import DEFAULT, NAMED, named_model
-from .facet_model import FacetModel, Node, Optics, Shadowing
+from .facet_model import DEFAULT, NAMED, FacetModel, Node, Optics, Shadowing, named_model
 
 FORMAT = "lcp facet model 1"
 

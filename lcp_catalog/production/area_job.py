@@ -14,8 +14,8 @@ import numpy as np
 
 from ..arrays import Array, Float32, Index, Int16, Mask
 from ..constants import MOON_RADIUS_M
-from ..dem.cache_limits import CACHES_BYTES, limit_caches
-from ..dem.height_errors import height_errors
+from ..dem.block_cache import CACHES_BYTES, limit_caches
+from ..dem.error_maps import height_errors
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates_of_groups
 from ..landmarks.selection import Places

@@ -13,8 +13,7 @@ from ..arrays import AnyArray, Array
 from ..catalog.catalogue import Catalog
 from ..catalog.maps import usable_nearby
 from ..catalog.model import Coverage, Overview
-from ..geometry.angles import turned_deg
-from ..geometry.bounds import enclosing_bounds
+from ..geometry.bounds import enclosing_bounds, turned_deg
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest
 from ..terrain.area import Area

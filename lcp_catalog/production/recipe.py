@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..dem.error_maps import ErrorMaps
-from ..dem.height_errors import height_errors, warn_of_unknown
+from ..dem.error_maps import ErrorMaps, height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
 from ..landmarks.error_model import ErrorModel
@@ -132,7 +131,7 @@ def _error_model(
     config: BuildConfig, dems: DemSet, region: Area, maps: ErrorMaps | None
 ) -> ErrorModel:
     """The error model of a build: its configuration, completed by the height errors of the DEMs and
-    the maps, as medians over the region (`dem.height_errors`). DemError for a map without a value in
+    the maps, as medians over the region (`dem.error_maps`). DemError for a map without a value in
     the region.
     """
     lon, lat = region.lattice(_ERROR_PLACES)

@@ -16,9 +16,8 @@ from ..arrays import Array, Int16, Mask
 from ..catalog.maps import usable_nearby
 from ..catalog.model import Coverage, Overview
 from ..constants import MOON_RADIUS_M
-from ..dem.mosaic import DemSet
-from ..dem.nearest_pixels import nearest_heights
-from ..geometry.angles import turned_deg
+from ..dem.mosaic import DemSet, nearest_heights
+from ..geometry.bounds import turned_deg
 from ..geometry.frames import mcmf_to_lonlat
 from ..geometry.map_plane import MapPlane
 from ..landmarks.selection import Places, Status, coverage

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..constants import MOON_RADIUS_M
-from ..dem.cache_limits import CACHES_BYTES
+from ..dem.block_cache import CACHES_BYTES
 from ..errors import ConfigError
 from ..landmarks.corners import GROUP_EXTRA
 from ..terrain.area import Area, NodeWindow
@@ -39,7 +39,7 @@ MARGIN_MB = 40.0
 computes areas itself (37 MB)."""
 
 CACHES_MIN_MB = 32.0
-"""Least memory for what is kept of the DEM's files (`cache_limits`)."""
+"""Least memory for what is kept of the DEM's files (`dem.block_cache`)."""
 
 CACHES_SHARE = 0.25
 """Share for them of what a promise leaves beside `START_MB`."""

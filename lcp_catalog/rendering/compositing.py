@@ -20,8 +20,7 @@ from ..accuracy import Accuracy
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..errors import CameraError, ImageError
-from ..light.environment_map import Panorama
-from ..light.hdr_image import LuminanceImage, read_picture, resized
+from ..light.environment_map import LuminanceImage, Panorama, read_picture, resized
 from ..light.sky_sampling import samples_of
 from ..light.solar_disc import disc_directions
 from ..light.sources import Lighting

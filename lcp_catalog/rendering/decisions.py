@@ -13,14 +13,12 @@ from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADI
 from ..light.bounced_light import SHOWS, BouncedSample
 from ..light.environment import Environment
 from ..light.sources import Lighting
-from ..photometry.albedo_map import AlbedoCover, AlbedoMap
-from ..photometry.colour_map import ColourMap
+from ..photometry.albedo_map import AlbedoCover, AlbedoMap, ColourMap
 from ..photometry.law_choice import LawChoice
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.relief_bounds import Relief, Ring, Steepness
 from ..terrain.surroundings import CELL_SHARE, HORIZON_RMS_DEG
-from .error_bounds import NORMAL_ROUNDING_RAD, PENUMBRA_PX
-from .sphere_error_bounds import SHIFT_PX, SphereCost
+from .error_bounds import NORMAL_ROUNDING_RAD, PENUMBRA_PX, SHIFT_PX, SphereCost
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from ..arrays import Array
 from ..cameras.sensor import Sensor
 from ..cameras.view import CameraView, View, footprint, looking_camera, optical_axis
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
-from ..dem.mosaic import DemSet
-from ..dem.nearest_pixels import nearest_heights
+from ..dem.mosaic import DemSet, nearest_heights
 from ..errors import AreaError, CameraError
 from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds

@@ -50,8 +50,8 @@ from .error_bounds import (
     penumbra_px,
     pixel_m,
     ray_angle_rad,
+    sphere_cost,
 )
-from .sphere_error_bounds import sphere_cost
 
 _SLOPE_NODES = 256  # per side, for the slope statistics of a terrain
 

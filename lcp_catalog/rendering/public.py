@@ -12,8 +12,7 @@ from ..cameras.public import rendered_sensor
 from ..dem.public import Dems, dem_set
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
-from ..photometry.albedo_map import AlbedoMap
-from ..photometry.colour_map import ColourMap, open_map
+from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area

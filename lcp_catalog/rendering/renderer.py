@@ -28,12 +28,10 @@ from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ParallelView, ScannerView, View, camera_view, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
-from ..light.above_horizon import light_above_horizon
 from ..light.bounced_light import Brightness, bounced_at_points
 from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
-from ..light.sources import Lighting, LightSource
-from ..light.surface_points import SurfacePoints
+from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_horizon
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
 from ..terrain.horizons import HorizonPoints
@@ -171,7 +169,7 @@ def render_camera(
     albedo: Albedo | None = None,
 ) -> Rendering:
     """Render the camera's plane by the first hit of every pixel's ray, float64; ``light`` as in `render_enu`.
-    Each line of a scanner is seen from its own position, all under one light (`scans` divides an image).
+    Each line of a scanner is seen from its own position, all under one light (`pipeline` divides an image).
 
     Normals are interpolated between nodes. Terrain outside the core can hide the core, but is not
     rendered. A hit is visible even if its interpolated normal faces away (its emission is then 90 deg).

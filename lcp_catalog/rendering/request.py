@@ -13,15 +13,13 @@ from ..choices import GSD_MAX_M, SURFACES
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, DemError
-from ..geometry.angles import turned_deg
-from ..geometry.direction import Direction
-from ..geometry.frames import EnuFrame
+from ..geometry.bounds import turned_deg
+from ..geometry.frames import Direction, EnuFrame
 from ..light.earthshine import earth_at, mean_earth
 from ..light.environment import Environment
 from ..light.sources import Lighting
 from ..light.sun_choice import SunChoice
-from ..photometry.albedo_map import AlbedoMap
-from ..photometry.colour_map import ColourMap
+from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
 from .compositing import Backdrop

@@ -13,8 +13,7 @@ import numpy as np
 
 from ..cameras.view import View, sees_nothing
 from ..errors import CameraError
-from ..geometry.direction import Direction
-from ..geometry.frames import EnuFrame
+from ..geometry.frames import Direction, EnuFrame
 from ..light.sources import Lighting
 from ..photometry.laws import Reflectance
 from ..terrain.area import NodeWindow

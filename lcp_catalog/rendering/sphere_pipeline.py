@@ -14,11 +14,9 @@ from ..cameras.frame_camera import Camera
 from ..cameras.view import View
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..geometry import sphere_intersection
-from ..geometry.direction import Direction
-from ..geometry.frames import EnuFrame, enu_rotation
+from ..geometry.frames import Direction, EnuFrame, enu_rotation
 from ..light.sources import Lighting
-from ..photometry.albedo_map import AlbedoMap
-from ..photometry.colour_map import ColourMap
+from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
 from ..photometry.laws import Reflectance
 from ..terrain.area import NodeWindow

@@ -15,8 +15,7 @@ from ..dem.public import Dems, dem_set
 from ..errors import ConfigError
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
-from ..photometry.albedo_map import AlbedoMap
-from ..photometry.colour_map import open_grey_map
+from ..photometry.albedo_map import AlbedoMap, open_grey_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
 from ..rendering.request import Request, ViewChoice

@@ -13,8 +13,7 @@ from ..arrays import Array
 from ..choices import HEIGHTFIELD_SIZE_MAX_KM
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError
-from ..geometry.angles import turned_deg, wrapped_deg
-from ..geometry.bounds import Bounds
+from ..geometry.bounds import Bounds, turned_deg, wrapped_deg
 from ..geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
 
 LOCAL_MAX_DEG = 20.0

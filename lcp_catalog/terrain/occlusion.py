@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..accuracy import Accuracy
 from ..arrays import Mask
-from ..geometry.direction import Direction
-from ..geometry.frames import direction_enu_rad
+from ..geometry.frames import Direction, direction_enu_rad
 from .far_terrain import FarTerrain
 from .heightfield import Heightfield, Window
 from .occlusion_scan import LIKELY, PROVED, draft_occluded, hybrid_occluded

@@ -16,7 +16,7 @@ from ..accuracy import TIERS
 from ..atomic_files import check_folder, write_bytes
 from ..catalog.summary import latitude_name
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
-from ..geometry.angles import turned_deg
+from ..geometry.bounds import turned_deg
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.pictures import data_uri

@@ -20,8 +20,7 @@ from ..catalog.hdf5 import open_catalog
 from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
-from ..geometry.direction import Direction
-from ..geometry.frames import EnuFrame, lonlat_to_mcmf
+from ..geometry.frames import Direction, EnuFrame, lonlat_to_mcmf
 from ..images.heights import refuse_heights
 from ..images.image import Image
 from ..images.image_file import ImageOptions, decoded, open_image

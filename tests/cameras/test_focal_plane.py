@@ -6,8 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from lcp_catalog.cameras.distortion import LroNac, NoLens, OnPlane, OpenCV, UsgsRadial
-from lcp_catalog.cameras.focal_plane import FocalPlane, plane_of
+from lcp_catalog.cameras.distortion import (
+    FocalPlane,
+    LroNac,
+    NoLens,
+    OnPlane,
+    OpenCV,
+    UsgsRadial,
+    plane_of,
+)
 
 LENS = UsgsRadial(0.0, 2e-5, -1e-9)
 matrices = arrays(float, (2, 2), elements=st.floats(-200, 200)).filter(

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from lcp_catalog.cameras.distortion import LroNac, NoLens, OnPlane
-from lcp_catalog.cameras.focal_plane import FocalPlane
+from lcp_catalog.cameras.distortion import FocalPlane, LroNac, NoLens, OnPlane
 from lcp_catalog.cameras.scanners import BEYOND, LineScanner, PushFrame
 from lcp_catalog.cameras.sensor import POSE, Reduced, Uncertainty, pixel_size_m
 from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory

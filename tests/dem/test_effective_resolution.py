@@ -15,11 +15,10 @@ from hypothesis import strategies as st
 from lcp_catalog.constants import MOON_RADIUS_M, SIGMA_PER_FWHM
 from lcp_catalog.dem import effective_resolution
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.effective_resolution import of_file, true_resolution
-from lcp_catalog.dem.georeferenced import Gridded
+from lcp_catalog.dem.effective_resolution import Heights, of_file, sample_windows, true_resolution
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.dem.sample_windows import Heights, sample_windows
+from lcp_catalog.dem.raster import Gridded
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.terrain import terrain_from_area
 

@@ -16,10 +16,11 @@ from scipy.interpolate import RegularGridInterpolator
 
 from lcp_catalog.dem import products
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.error_maps import ErrorMaps, FigureMap
-from lcp_catalog.dem.height_errors import (
+from lcp_catalog.dem.error_maps import (
     LENGTH_PER_RESOLUTION,
     UNKNOWN_SIGMA_M,
+    ErrorMaps,
+    FigureMap,
     errors_of_file,
     height_errors,
 )

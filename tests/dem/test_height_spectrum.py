@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.dem import effective_resolution
-from lcp_catalog.dem.sample_windows import Heights
+from lcp_catalog.dem.effective_resolution import Heights
 
 K = np.geomspace(1e-4, 4.5e-3, 33)
 """Wavenumbers of 5.5 octaves."""

@@ -7,8 +7,7 @@ import pytest
 from helpers.virtual_moon import virtual_moon
 
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.dem.nearest_pixels import nearest_heights
+from lcp_catalog.dem.mosaic import DemSet, nearest_heights
 from lcp_catalog.dem.raster import Raster
 from lcp_catalog.production.region_maps import region_overview
 from lcp_catalog.terrain.area import Area

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from lcp_catalog.geometry.angles import turned_deg, wrapped_deg
+from lcp_catalog.geometry.bounds import turned_deg, wrapped_deg
 
 ANGLES = (-720.0, -540.0, -360.0, -180.0, -1e-17, 0.0, 90.0, 180.0, 359.5, 360.0, 540.0, 725.0)
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lcp_catalog.geometry.direction import Direction
-from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.geometry.frames import Direction, EnuFrame
 
 
 def test_angles_and_vector() -> None:

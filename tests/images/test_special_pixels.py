@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.images.special_pixels import isis_special, plateau_ends, touching_edge
+from lcp_catalog.images.pixels import isis_special, plateau_ends, touching_edge
 
 # ISIS, SpecialPixel.h: NULL, LRS, LIS, HIS, HRS, first and last valid value of each type
 ISIS = {

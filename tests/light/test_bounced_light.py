@@ -9,8 +9,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.bounced_light import bounced_at_points, bounced_bound, bounced_sample
-from lcp_catalog.light.sources import Lighting
-from lcp_catalog.light.surface_points import SurfacePoints
+from lcp_catalog.light.sources import Lighting, SurfacePoints
 from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
 from lcp_catalog.rendering import decisions
 from lcp_catalog.rendering.plan import plan_scene

@@ -23,8 +23,7 @@ from hypothesis import strategies as st
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.light.environment import Environment
-from lcp_catalog.light.environment_map import Panorama, read_panorama
-from lcp_catalog.light.hdr_image import read_picture, resized
+from lcp_catalog.light.environment_map import Panorama, read_panorama, read_picture, resized
 
 GAUSS = np.polynomial.legendre.leggauss(16)
 

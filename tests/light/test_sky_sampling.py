@@ -23,8 +23,7 @@ from lcp_catalog.light.sky_sampling import (
     sky_rms,
     sky_samples,
 )
-from lcp_catalog.light.sources import Lighting
-from lcp_catalog.light.surface_points import SurfacePoints
+from lcp_catalog.light.sources import Lighting, SurfacePoints
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu
 from lcp_catalog.terrain.area import NodeWindow

@@ -8,8 +8,7 @@ import pytest
 from helpers.catalogs import HADLEY as HADLEY_DEM
 from helpers.twins_match import catalog_of_dem
 
-from lcp_catalog.cameras.distortion import NoLens
-from lcp_catalog.cameras.focal_plane import FocalPlane
+from lcp_catalog.cameras.distortion import FocalPlane, NoLens
 from lcp_catalog.cameras.scanners import BEYOND, LineScanner
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory

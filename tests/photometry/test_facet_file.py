@@ -8,8 +8,14 @@ from hypothesis import strategies as st
 
 from lcp_catalog.errors import ConfigError, InputError
 from lcp_catalog.photometry.facet_file import FORMAT, FacetFile, facet_model, load_model, model_path
-from lcp_catalog.photometry.facet_labunets2019 import NAMED, named_model
-from lcp_catalog.photometry.facet_model import FacetModel, Node, Optics, Shadowing
+from lcp_catalog.photometry.facet_model import (
+    NAMED,
+    FacetModel,
+    Node,
+    Optics,
+    Shadowing,
+    named_model,
+)
 from lcp_catalog.photometry.laws import reflectance_model
 
 NODES = (Node(10, 0.4, 6, 0.15, 0.9, -4, 0.85), Node(60, 0.2, 3, 0.3, 1, 5, 0.9))

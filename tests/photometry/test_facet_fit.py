@@ -16,7 +16,6 @@ from lcp_catalog.photometry.facet_fit import (
     fit_reflectance,
     regularise,
 )
-from lcp_catalog.photometry.facet_labunets2019 import named_model
 from lcp_catalog.photometry.facet_model import (
     PARAMETERS,
     FacetModel,
@@ -24,6 +23,7 @@ from lcp_catalog.photometry.facet_model import (
     Optics,
     constants,
     lobes,
+    named_model,
 )
 from lcp_catalog.photometry.goniometer import IncidenceSeries, Measurements, read_measurements
 

@@ -12,15 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.kernels.photometry import facet as kernel
-from lcp_catalog.photometry.facet_labunets2019 import NAMED, named_model
 from lcp_catalog.photometry.facet_model import (
     LIMITS,
+    NAMED,
     FacetModel,
     Node,
     Optics,
     Shadowing,
     constants,
     lobes,
+    named_model,
     shadowing_share,
 )
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model

@@ -16,16 +16,19 @@ from scipy.interpolate import PchipInterpolator
 
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.kernels.photometry import facet as kernel
-from lcp_catalog.photometry.facet_labunets2019 import (
+from lcp_catalog.photometry.facet_model import (
     NAMED,
     OPTICS,
     TABLE_1,
     TABLE_2,
     TABLE_2_LOST,
     TABLE_3,
+    FacetModel,
+    Node,
+    Optics,
+    Shadowing,
     named_model,
 )
-from lcp_catalog.photometry.facet_model import FacetModel, Node, Optics, Shadowing
 from lcp_catalog.photometry.laws import reflectance_model
 
 mpmath.mp.dps = 40

@@ -25,7 +25,7 @@ from lcp_catalog.catalog.schema import (
     USABLE,
 )
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.height_errors import height_errors
+from lcp_catalog.dem.error_maps import height_errors
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf

@@ -14,9 +14,8 @@ from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.ephemeris.limb_darkening import LimbDarkening
 from lcp_catalog.errors import CameraError, ImageError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.light.environment_map import Panorama
+from lcp_catalog.light.environment_map import LuminanceImage, Panorama
 from lcp_catalog.light.environment_sources import split_sources
-from lcp_catalog.light.hdr_image import LuminanceImage
 from lcp_catalog.light.solar_disc import SolarDisc
 from lcp_catalog.light.sources import Lighting, LightSource
 from lcp_catalog.rendering.compositing import Backdrop, composite, shadow_factor

@@ -19,8 +19,12 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf,
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.footprint_sampling import PROBES_MOST, seen_through
-from lcp_catalog.rendering.sphere_renderer import render_sphere_camera, render_sphere_enu
+from lcp_catalog.rendering.sphere_renderer import (
+    PROBES_MOST,
+    render_sphere_camera,
+    render_sphere_enu,
+    seen_through,
+)
 from lcp_catalog.terrain.area import NodeWindow
 
 R = MOON_RADIUS_M

@@ -25,9 +25,8 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.pipeline import prepare, prepare_terrain
+from lcp_catalog.rendering.pipeline import SUN_MOVES_DEG, prepare, prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.rendering.scans import SUN_MOVES_DEG
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.validation.orthoimage import orthorectify

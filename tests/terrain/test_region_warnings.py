@@ -8,7 +8,7 @@ import pytest
 from helpers.renders import write_dem
 from lcp_cli.main import run
 
-from lcp_catalog.dem.height_errors import warn_of_unknown
+from lcp_catalog.dem.error_maps import warn_of_unknown
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.terrain.area import Area
