@@ -171,8 +171,9 @@ def command(
 ) -> int:
     """Build a catalogue of control points from one or more DEM files.
 
-    The region is divided into areas. Each area is rendered for every Sun and view that can occur there. Points are
-    kept if they can be localised, are unique within the search radius, and do not depend on the relief around them.
+    The region is divided into areas. Each area is rendered for every Sun and view that can occur there. A point is
+    kept if an image can be matched with it accurately, if nothing within the search radius looks like it, and if
+    terrain outside its patch hardly shadows or hides it.
     Without --center or --bounds the region is the whole DEM.
     """
     if output is None and not mode.plan:

@@ -105,7 +105,8 @@ known_options = option_group(
         "attitude_sigma_deg",
         type=Number(0.0, 90.0),
         metavar="DEG",
-        help="Known attitude: 1 sigma about each axis; 0: exact. Default: unknown, solved with the position.",
+        help="Uncertainty of the attitude as known before: 1 sigma about each axis; 0: exact. Default: unknown; it is estimated "
+        "with the position.",
     ),
     click.option(
         "--height-sigma",
@@ -121,16 +122,16 @@ known_options = option_group(
         default=0.0,
         show_default=True,
         metavar="M",
-        help="1 sigma, each axis, of an error of place common to all points, such as the map's tie to the Moon's "
-        "frame.",
+        help="1 sigma for each axis of a position error that all points share, such as an offset of the map in the "
+        "Moon-fixed frame.",
     ),
     click.option(
         "--pixel-sigma",
         "pixel_sigma_px",
         type=Number(0.0),
         metavar="PX",
-        help="1 sigma, each axis, of what a match errs beyond its claim, in pixels not finer than the point's cells; "
-        "default: 0.02.",
+        help="1 sigma for each axis of a match's error that the catalogue's sigma does not include, in pixels of the image, "
+        "or in cells of the point if these are larger; default: 0.02.",
     ),
 )
 """What is known before about attitude, heights and map."""

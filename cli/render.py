@@ -36,11 +36,11 @@ def command(
 ) -> None:
     """Render one image of an area of the Moon.
 
-    The area is taken from --center and --size or from --bounds; --size alone cuts it out of what the camera sees
-    (--around). Without them it is what the camera sees, else
-    the whole DEM. The Sun is given by --sun-azimuth and --sun-elevation, by --time or by --subsolar; without
-    them it is the camera file's. Without view options the view is straight down. With --fov, --altitude and
-    --look the image is that of a camera above --center.
+    The area is given by --center and --size or by --bounds; --size alone gives a square within what the camera sees
+    (--around). Without these options the area is what the camera sees or, without a camera, the whole DEM. The Sun is
+    given by --sun-azimuth and --sun-elevation, by --time or by --subsolar; without them it is the camera file's. Without
+    view options the view is straight down. With --fov, --altitude and --look the image is that of a camera above
+    --center.
 
     Bands of OUT.tif: radiance, sunlit, visible, incidence, emission, phase (degrees), and height (metres). With
     --frame camera, x, y and z (metres, MCMF) take the place of height. An albedo map in colour adds radiance_red,

@@ -31,8 +31,8 @@ def bounce_option(default: str) -> Decorator:
         type=click.Choice(BOUNCES),
         default=default,
         show_default=True,
-        help="Light that reaches ground by way of other ground (one bounce), where the first source does not reach; "
-        "auto: if it exceeds 1/255 of the brightest ground.",
+        help="Add light that other ground reflects (one bounce), where the first light source does not reach; auto: only if "
+        "it exceeds 1/255 of the brightest ground.",
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import shlex
 import tomllib
 from pathlib import Path
@@ -11,6 +12,7 @@ import click
 import pytest
 from lcp_cli.main import cli
 
+from lcp_catalog.fields import meanings
 from lcp_catalog.production.config import BuildConfig
 
 ROOT = Path(__file__).parents[1]
@@ -127,6 +129,19 @@ def test_build_toml_of_the_reference_is_the_default_configuration() -> None:
     }
     assert fields - names == {"tolerance"}
     assert "tolerance" in block[1]
+
+
+def test_every_field_of_the_configuration_is_told() -> None:
+    """The page's table is made from the meanings of the fields, which a hook puts in place of a mark."""
+    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "fields.py"))
+    page = (ROOT / "docs" / "reference" / "build-toml.md").read_text(encoding="utf-8")
+    table = hook["on_page_markdown"](page)
+    assert hook["MARK"] in page
+    for section in BuildConfig.__dataclass_fields__:
+        for name, meaning in meanings(getattr(BuildConfig(), section)).items():
+            assert meaning.text.endswith("."), name
+            assert f"| `{section}.{name}` | {meaning.text} |" in table
+    assert "| be above 0 and at most 50000 | about half of what the DEM resolves" in table
 
 
 def test_every_page_is_in_the_navigation() -> None:

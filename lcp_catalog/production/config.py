@@ -362,9 +362,10 @@ class PointConfig:
     patch_nodes: int = meant(33, "Nodes along a patch's side, an odd number.", least=9, most=257)
     per_view: int | None = meant(
         None,
-        "Usable points that every camera's footprint in the region is promised under every Sun and view that can "
-        "happen; the fewest points are chosen that keep it. 0: points are spread evenly, at the spacing.",
-        default=f"{PER_VIEW}, with `points.spacing_m` 0",
+        "Number of usable points that the catalogue promises in a camera's footprint anywhere in the region, under every "
+        "Sun and view that can occur; as few points as possible are kept for it. 0: no promise; points are spread evenly, "
+        "at the spacing.",
+        default=f"{PER_VIEW}; 0 if `points.spacing_m` is given",
         least=0,
         most=PER_VIEW_MAX,
     )
@@ -377,12 +378,15 @@ class PointConfig:
     )
     max_points: int | None = meant(
         None,
-        "Most points: the catalogue of this size that does most for the promise.",
+        "Greatest number of points; those are kept that do most for the promise of `points.per_view`.",
         default="no limit",
         least=1,
     )
     max_bytes: int | None = meant(
-        None, "The same by the estimated size of the file, bytes.", default="no limit", least=1
+        None,
+        "Greatest size of the file by estimate, bytes; it limits the points as `points.max_points` does.",
+        default="no limit",
+        least=1,
     )
     spacing_m: float | None = meant(
         None,
