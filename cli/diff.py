@@ -13,7 +13,7 @@ from .files import FileCommand, InputFile, OutputFile
 from .messages import EXIT_NO, echo, say
 
 if TYPE_CHECKING:
-    from lcp_catalog.catalog.differences import Comparison
+    from lcp_catalog.catalog.comparison import Comparison
 
 _SHOWN = 10
 _VALUE_LENGTH = 60
