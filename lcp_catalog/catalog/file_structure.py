@@ -4,7 +4,7 @@ what it links to, how it is stored, and how much it claims to hold.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import prod
 from typing import Any
 
@@ -36,6 +36,9 @@ _DEFLATE_MOST = 1100
 
 _CHUNK_BYTES_MAX = 2**26
 
+_OF_HDF5 = ("CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST")
+"""Attributes by which HDF5 knows dimensions."""
+
 _ATTRIBUTE_BYTES_MAX = 2**16
 """Most bytes of an attribute in its object; HDF5 keeps long texts elsewhere."""
 
@@ -45,7 +48,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
     foreign = list(_identity_problems(file))
     if foreign:
         return foreign
-    problems = list(_attribute_problems(file, "", global_names(file)))
+    problems: list[str] = []
     shapes: dict[str, tuple[int, ...]] = {}
     step, wanted = _sigma_step(file), variables(file)
     for group, members in (GROUPS | {INTEGRITY: {TABLE: DIGESTS}}).items():
@@ -55,7 +58,8 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
         if not isinstance(place, h5py.Group):
             problems.append(f"{group}: the group is {_kind(place)}")
             continue
-        problems += _attribute_problems(place, group, group_names(place, group))
+        stated = group_names(place, group) if group else global_names(file)
+        problems += _attribute_problems(place, group, stated)
         names = [name for name in members if group == INTEGRITY or key(group, name) in wanted]
         problems += _list_problems(place, group, names)
         for short in names:
@@ -171,6 +175,8 @@ def global_names(file: h5py.File) -> tuple[str, ...]:
 def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -> Iterator[str]:
     """Faults of the attributes of the file or of a group, which are texts and numbers."""
     before = f"{group}: " if group else ""
+    for name in _unknown_attributes(place, names):
+        yield f"{before}the attribute {name} does not belong to a catalogue"
     for name in names:
         try:
             fault = _attribute_fault(place, name)
@@ -258,6 +264,13 @@ def _attribute_faults(dataset: h5py.Dataset, attributes: Mapping[str, Any]) -> I
         found: Any = None if _attribute_fault(dataset, name) else dataset.attrs[name]
         if not (np.array_equal(found, expected) or _both_nan(found, expected)):
             yield f"{name} is {_shown(found)} instead of {expected!s}"
+    for name in _unknown_attributes(dataset, attributes):
+        yield f"the attribute {name} does not belong to a catalogue"
+
+
+def _unknown_attributes(place: Any, known: Collection[str]) -> list[str]:
+    """Names of attributes that are neither of the schema nor HDF5's own."""
+    return sorted(_shown(name) for name in {*place.attrs} - {*known, *_OF_HDF5})
 
 
 def _both_nan(found: Any, expected: Any) -> bool:

@@ -90,6 +90,8 @@ def test_a_merged_catalogue_is_intact_and_read_as_any(inputs: list[Catalog], mer
     assert facts["schema_version"] == "3.0"
     assert "</html>" in render_report(read(merged), "m.h5")
     builds = origins(read(merged).config)
+    digests = ", ".join(sorted(one.content_sha256 for one in builds))
+    assert read(merged).history == f"merge of 2 catalogues with the content_sha256 {digests}"
     assert {one.name for one in builds} == {"a.h5", "b.h5"}
     assert {one.points for one in builds} == {len(one) for one in inputs}
     kept = {one.name: one.config for one in builds}
