@@ -170,7 +170,11 @@ def test_a_search_within_half_a_patch_is_refused() -> None:
 
 def test_the_keys_that_are_not_the_default_are_one_line() -> None:
     config = BuildConfig.from_dict(
-        {"area": {"gsd_m": 200.0}, "sun": {"elevations_deg": [10.0, 20.0]}, "points": {"per_view": 0}}
+        {
+            "area": {"gsd_m": 200.0},
+            "sun": {"elevations_deg": [10.0, 20.0]},
+            "points": {"per_view": 0},
+        }
     )
     assert config.in_one_line() == (
         "area.gsd_m = 200.0; sun.elevations_deg = [10.0, 20.0]; points.per_view = 0"
