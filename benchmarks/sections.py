@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 _THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
-def run(package: str, sections: Mapping[str, str], by_default: Sequence[str] = ()) -> int:
-    """Run the section that the first word of the command line names, else those of ``by_default`` (all) with their defaults.
+def run(package: str, sections: Mapping[str, str]) -> int:
+    """Run the section that the first word of the command line names, else all of them with their defaults.
 
     ``sections`` maps the modules of ``package`` to what they measure; each has ``main(words)`` that returns
     an exit code. A section is imported only when it runs, with one thread unless the environment says otherwise.
@@ -19,14 +19,12 @@ def run(package: str, sections: Mapping[str, str], by_default: Sequence[str] = (
     name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("all", [])
     if name not in (*sections, "all"):
         print(f"usage: python -m {package} SECTION [--help] [OPTION...]\n")
-        for section, what in {**sections, "all": "what needs no words, by its defaults"}.items():
+        for section, what in {**sections, "all": "every section with its defaults"}.items():
             print(f"  {section:12} {what}")
         return 0 if name in ("-h", "--help") else 2
     for variable in _THREADS:
         os.environ.setdefault(variable, "1")
-    codes = [
-        _run(package, one, words) for one in (by_default or sections if name == "all" else [name])
-    ]
+    codes = [_run(package, one, words) for one in (sections if name == "all" else [name])]
     return max(codes)
 
 
