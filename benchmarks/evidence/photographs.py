@@ -404,7 +404,7 @@ def main(words: Sequence[str]) -> int:
     both, claims = [row for row in rows if len(row.fine)], by_kind(rows)
     (asked.output / "figure_4.svg").write_text(sheet(both), encoding="utf-8")
     parts = [summary(rows), table(HEAD, map(cells, rows)), "\nNot located:\n", failures(rows)]
-    more = ["Claims by kind:\n", scores_table(claims), "", bins_table(claims), ""]
+    more = ["Claims by kind:\n", scores_table(claims) + "\n", bins_table(claims) + "\n"]
     more += ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
     text = "\n".join([*parts, *more])
     (asked.output / "evidence.md").write_text(text, encoding="utf-8")
