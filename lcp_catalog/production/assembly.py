@@ -22,11 +22,10 @@ from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, Places, select, stable_id
 from ..rendering.plan import ScenePlan
-from .checkpoints import Checkpoints
+from .checkpoints import Checkpoints, JoinedAreas
 from .config import BuildConfig, ErrorConfig
 from .evaluation import image_scales
 from .finished_area import record_type
-from .joined_areas import JoinedAreas
 from .promise import PromiseChoice
 from .recipe import Recipe
 from .region_maps import has_heights, overview_bytes, region_coverage, region_overview

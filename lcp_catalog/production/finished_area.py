@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import AnyArray, Array, Bytes, Index
+from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.packing import axis_direction, packing, sigma_step_m
 from ..catalog.schema import (
     EVALUATED,
@@ -26,12 +26,13 @@ from ..catalog.schema import (
     UNSHADOWED,
     USABLE,
     VARIABLES,
+    Cause,
 )
+from ..catalog.sun_cells import SunCells
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig
 from .evaluation import Evaluation, image_scales
-from .sun_stages import cell_stages
 
 TABLE = np.dtype(
     [
@@ -65,7 +66,7 @@ _FIGURES = (
 class FinishedArea:
     """A table (n,) of type `TABLE`; the records (m,) of type `record_type` of its rows with usable
     conditions, in the same order; and the scene plan of the area's images. ``stages`` (n, cells): what
-    each row is good for between the Suns (`sun_stages.cell_stages`); None if nothing is promised.
+    each row is good for between the Suns (`cell_stages`); None if nothing is promised.
     """
 
     table: AnyArray
@@ -222,3 +223,44 @@ def working_scales(
     finest = np.where(enough, scales, np.inf).min(axis=1, initial=np.inf)
     coarsest = np.where(enough, scales, 1.0).max(axis=1, initial=1.0)
     return np.where(np.isfinite(finest), finest, 1.0), coarsest
+
+
+def cell_stages(candidates: Candidates, config: BuildConfig) -> Bytes:
+    """`Cause` of each candidate by view and cell of the Sun grid, (n, view * elevation * azimuth): FEW
+    if it is usable under all Suns of the cell, MARGINAL if only at the corners that were evaluated,
+    else what stops it at the worst corner; MET (0) where there is no cell.
+    """
+    condition = candidates.evaluation.condition
+    if not len(condition):
+        return np.zeros((0, int(np.prod(condition.shape[1:]))), np.uint8)
+    known: Mask = np.any((condition & EVALUATED) > 0, axis=(0, 1))
+    grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
+    claims = grid.claims(float(np.mean(candidates.lat_deg)), known, config.points.min_detection)
+    detection = packing("detection_probability", 1.0).packed(candidates.evaluation.detection[:, 0])
+    stage = _causes(candidates)
+    found = np.full(condition.shape, Cause.FEW, np.uint8)
+    enough = np.ones(condition.shape, np.bool_)
+    for counts, row, column in zip(claims.counts, *grid.corners(), strict=True):
+        np.minimum(
+            found, np.where(counts, stage[:, :, row, column], np.uint8(Cause.FEW)), out=found
+        )
+        enough &= ~counts | (detection[:, :, row, column] >= claims.least)
+    found[(found == Cause.FEW) & ~enough] = Cause.MARGINAL
+    return np.where(claims.exists, found, 0).astype(np.uint8).reshape(len(condition), -1)
+
+
+def _causes(candidates: Candidates) -> Bytes:
+    """What stops each candidate in each condition, FEW where it is usable, (n, v, e, a)."""
+    evaluation = candidates.evaluation
+    condition = evaluation.condition
+    free = UNSHADOWED | UNOCCLUDED
+    return np.select(
+        [
+            ~np.isfinite(evaluation.sigma_major_m[:, 0]),
+            (condition & LOCALIZABLE) == 0,
+            (condition & UNIQUE) == 0,
+            (condition & free) != free,
+        ],
+        [Cause.DARK, Cause.FEATURELESS, Cause.AMBIGUOUS, Cause.DEPENDENT],
+        Cause.FEW,
+    ).astype(np.uint8)

@@ -161,7 +161,7 @@ class PromiseChoice:
         return cls(config, places, exists, columns)
 
     def see(self, table: AnyArray, stages: Bytes) -> None:
-        """Note what an area's candidates are good for (`sun_stages.cell_stages`)."""
+        """Note what an area's candidates are good for (`finished_area.cell_stages`)."""
         own = np.ascontiguousarray(stages[:, self.columns])
         sites = Places(table["lon_deg"], table["lat_deg"])
         first, place = self._nearby.around(sites, self.places.radius_m)

@@ -62,10 +62,13 @@ class Area:
         if (center_deg is None) != (size_km is None):
             raise AreaError("the centre and the size of an area go together")
         if center_deg is None:
-            return None if bounds_deg is None else cls.from_bounds(*bounds_deg)
+            if bounds_deg is None:
+                return None
+            west, south, east, north = bounds_deg
+            return cls.from_bounds(west, south, east, north)
         if bounds_deg is not None:
             raise AreaError("the centre and the bounds of an area exclude each other")
-        return cls(*center_deg, size_km)
+        return cls(center_deg[0], center_deg[1], size_km)
 
     @classmethod
     def from_bounds(cls, west: float, south: float, east: float, north: float) -> Area:

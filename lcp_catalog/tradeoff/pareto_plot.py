@@ -20,10 +20,12 @@ def pareto(rows: list[Row]) -> Markup:
     """Plot of all tiers. A row gives two marks at ``sunlit_error_share``: the whole work
     (``cpu_relative``) and the images alone (``render_relative``). A line joins the Pareto front.
     """
-    times = _time_limits([r[key] for r in rows for key in ("cpu_relative", "render_relative")])
+    low, high = _time_limits([r[key] for r in rows for key in ("cpu_relative", "render_relative")])
     decades = _decades([r["sunlit_error_share"] for r in rows if r["sunlit_error_share"] > 0.0])
     axes = Axes(
-        Axis(*times, _time_ticks(*times), "CPU time relative to reference", log=True, grid=True),
+        Axis(
+            low, high, _time_ticks(low, high), "CPU time relative to reference", log=True, grid=True
+        ),
         Axis(
             10.0 ** (decades[0] - 1),
             10.0 ** decades[1],

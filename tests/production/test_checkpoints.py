@@ -10,8 +10,7 @@ import pytest
 from helpers.finished_areas import KIND, area
 
 from lcp_catalog.errors import AreaFailedError
-from lcp_catalog.production.checkpoints import Checkpoints
-from lcp_catalog.production.joined_areas import JoinedAreas
+from lcp_catalog.production.checkpoints import Checkpoints, JoinedAreas
 
 NAMES = ("r00001c00001", "r00001c00002", "r00001c00003")
 

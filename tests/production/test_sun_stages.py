@@ -11,7 +11,7 @@ from lcp_catalog.catalog.schema import EVALUATED, LOCALIZABLE, UNOCCLUDED, USABL
 from lcp_catalog.production.area_job import Candidates
 from lcp_catalog.production.config import SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import Evaluation
-from lcp_catalog.production.sun_stages import cell_stages
+from lcp_catalog.production.finished_area import cell_stages
 
 PLAN = dataclasses.replace(
     CONFIG,
