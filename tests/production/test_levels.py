@@ -92,7 +92,10 @@ def test_levels_derive_from_the_pixel_at_both_altitudes(
         ({"levels_m": (10.0, -1.0)}, "above 0"),
         ({"levels_m": (10.0, float("inf"))}, "at most 50000 m"),
         ({"levels_m": tuple(1.2**k for k in range(40))}, "40 cell sizes, at most 32"),
-        ({"levels_m": (10.0,), "gsd_m": 10.0}, "`area.gsd_m` and `area.levels_m` exclude each other"),
+        (
+            {"levels_m": (10.0,), "gsd_m": 10.0},
+            "`area.gsd_m` and `area.levels_m` exclude each other",
+        ),
         ({"altitudes_km": (1.0, 2.0)}, "go together"),
         ({"ifov_rad": 1e-3}, "go together"),
         ({"altitudes_km": (2.0, 1.0), "ifov_rad": 1e-3}, "the lowest and the highest"),
