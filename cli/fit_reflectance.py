@@ -104,9 +104,8 @@ def command(
     source, the specular direction is at -incidence), optionally azimuth_deg, and one of intensity,
     brightness, radiance_factor. Use the fitted model with `--reflectance facet:MODEL.toml`.
     """
-    from lcp_catalog.photometry.facet_fit import fit_file, fit_reflectance
+    from lcp_catalog.photometry.facet_fit import fit_chart, fit_file, fit_reflectance
     from lcp_catalog.photometry.facet_model import ALBEDO, Optics
-    from lcp_catalog.photometry.facet_plot import fit_chart
     from lcp_catalog.photometry.goniometer import read_measurements
 
     check_outputs(overwrite, output, chart)

@@ -20,10 +20,9 @@ import numpy as np
 from ..arrays import Array, Index, Int16, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.bounds import Bounds, enclosing_bounds
-from .consistency import Disagreement, disagreements
 from .grid import Grid
-from .mosaic import DemSet
-from .regions import Region, connected_regions
+from .mosaic import DemSet, Disagreement, disagreements
+from .pixel_statistics import Region, connected_regions
 
 BAND_EDGES_DEG = (-90.0, -85.0, -80.0, -75.0, -60.0, 0.0, 60.0, 75.0, 80.0, 85.0, 90.0)
 """Latitudes at which the method's choice of products changes, north and south."""

@@ -1,5 +1,7 @@
 """Statistics of all pixels of a DEM file, each from one pass: heights and missing pixels
 (`height_statistics`), and stored samples, which show damage (`sample_statistics`).
+
+Connected regions of a raster, and their boxes on the Moon.
 """
 
 from __future__ import annotations
@@ -10,14 +12,41 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from ..arrays import Array
+from ..arrays import Array, Index, Mask
 from ..constants import MOON_RADIUS_M
-from ..geometry.bounds import enclosing_bounds, wrapped_deg
+from ..geometry.bounds import Bounds, enclosing_bounds, wrapped_deg
 from .dem import Dem
 from .grid import Grid
 from .raster import Raster
-from .regions import Region, connected_regions
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of the surface: the box around it, and its own area."""
+
+    bounds: Bounds
+    area_km2: float
+
+
+def connected_regions(mask: Mask, wraps: bool = False) -> Index:
+    """Number of each cell's region, (rows, columns): 0 outside the ``mask`` (rows, columns), 1, 2, ...
+    in it. Cells are connected along their sides; if the raster ``wraps``, also from the last column
+    to the first.
+    """
+    label, count = ndimage.label(mask)
+    if wraps and count:
+        first, last = label[:, 0], label[:, -1]
+        both = (first > 0) & (last > 0)
+        joined = coo_array(
+            (np.ones(np.count_nonzero(both)), (first[both], last[both])), (count + 1, count + 1)
+        )
+        label = connected_components(joined, directed=False)[1][label]
+    return np.asarray(label, np.int64)
+
 
 POSSIBLE_M = 12_000.0
 """Greatest possible height or depth: the Moon's lowest place is at -9.1 km, its highest at 10.8 km.

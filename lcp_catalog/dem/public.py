@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from .consistency import Disagreement
 from .coverage import MOON_KM2, Band, SetCoverage, set_coverage, set_disagreements
 from .dem import Dem
-from .mosaic import DemSet, height_at
-from .pixel_statistics import HeightStatistics, height_statistics
-from .regions import Region
+from .mosaic import DemSet, Disagreement, height_at
+from .pixel_statistics import HeightStatistics, Region, height_statistics
 
 Dems: TypeAlias = DemSet | Path | str | Sequence[Path | str]
 """DEMs of a public function: an opened set, one file, or several."""

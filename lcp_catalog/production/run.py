@@ -25,8 +25,7 @@ from .._version import __version__
 from ..atomic_files import check_output
 from ..catalog.hdf5 import open_catalog
 from ..catalog.schema import COVERAGE_STATUS, SCHEMA_VERSION
-from ..dem.consistency import warn_of_disagreements
-from ..dem.mosaic import DemSet
+from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..ephemeris.reachable import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, SunError
 from ..photometry.facet_file import law_file

@@ -22,8 +22,7 @@ from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
-from ..dem.consistency import warn_of_disagreements
-from ..dem.mosaic import DemSet
+from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..errors import CameraError, ImageError
 from ..geometry.frames import Direction, EnuFrame
 from ..light.bounced_light import BOUNCE_RMS, bounced_bound, bounced_sample

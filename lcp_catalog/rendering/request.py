@@ -15,9 +15,8 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, DemError
 from ..geometry.bounds import turned_deg
 from ..geometry.frames import Direction, EnuFrame
-from ..light.earthshine import earth_at, mean_earth
 from ..light.environment import Environment
-from ..light.sources import Lighting
+from ..light.sources import Lighting, earth_at, mean_earth
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance

@@ -18,6 +18,8 @@ the other one, which foreshortening stretches. It is covered by a row of 1, 2, 4
 value of a probe is interpolated between means of the map over the two nearest of a series of widths,
 a factor of 2 apart (Williams 1983, pyramidal parametrics; McCormack et al. 1999, footprint assembly).
 This avoids aliasing; the blur is at most the longer axis over `PROBES_MOST`.
+
+Pixels on the limb of the sphere, and the share of each that shows the sphere.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
@@ -35,14 +38,88 @@ from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..geometry import sphere_intersection
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
+from ..geometry.sphere_intersection import limb_angle, nadir_angles
+from ..kernels import sphere_rays as kernel
 from ..light.sources import Lighting, LightSource
 from ..photometry.albedo_map import ColourMap
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
 from ..terrain.area import NodeWindow
-from . import limb
 from .placement import require_above
 from .renderer import Band, Rendering, in_colour
 from .request import Extent
+
+COVERAGE_ERROR = 2e-4
+"""Error of a limb pixel's coverage, as a share of the pixel; measured against brute force."""
+
+
+_CELLS_LEAST = 4
+
+
+_CELLS_MOST = 64
+
+
+_CORNERS_AT_ONCE = 1 << 20
+
+
+def coverage(
+    camera: Camera, columns: ArrayLike, rows: ArrayLike, radius_m: float = MOON_RADIUS_M
+) -> tuple[Array, Array]:
+    """Share (n,) of the pixels' area that shows the sphere, and the middle (n, 2) of that part, column
+    and row in the image; NaN if the share is 0.
+
+    Each pixel is divided into cells in which the limb is nearly straight; their number depends on the
+    curvature of the limb in the image. ValueError for a camera inside the sphere.
+    """
+    pixels = np.stack(np.broadcast_arrays(columns, rows), axis=-1).astype(np.float64).reshape(-1, 2)
+    position, limb = camera.position_mcmf_m, limb_angle(camera.position_mcmf_m, radius_m)
+    cells = _cells(camera.focal_length_px * math.tan(limb))
+    steps = np.arange(cells + 1) / cells - 0.5
+    off = np.stack(np.meshgrid(steps, steps), axis=-1)
+    shares, middles = np.empty(len(pixels)), np.empty((len(pixels), 2))
+    at_once = max(1, _CORNERS_AT_ONCE // off[..., 0].size)
+    for first in range(0, len(pixels), at_once):
+        part = slice(first, first + at_once)
+        directions = camera.rays(pixels[part, None, None] + off)
+        kernel.covered(limb - nadir_angles(position, directions), shares[part], middles[part])
+    middles = np.where(shares[:, None] > 0.0, pixels + middles, np.nan)
+    return shares, middles
+
+
+def _cells(curvature_px: float) -> int:
+    """Cells per side of a pixel, for a limb with a radius of curvature r in pixels of the image. The
+    area between the limb and a chord across a cell of 1 / k pixels is 1 / (12 r k^3) pixels^2, and k
+    chords cross a pixel.
+    """
+    wanted = math.sqrt(1.0 / (6.0 * max(curvature_px, 1e-3) * COVERAGE_ERROR))
+    return min(max(math.ceil(wanted), _CELLS_LEAST), _CELLS_MOST)
+
+
+def pixel_angle(camera: Camera) -> float:
+    """Greatest angle between opposite corners of a pixel, radians, over the image."""
+    width, height = camera.image_size_px
+    column, row = (np.unique(np.linspace(0, n - 1, 33).round())[None, :] for n in (width, height))
+    corners = camera.rays(np.stack(np.broadcast_arrays(*_corner_grid(column[0], row[0])), axis=-1))
+    first = np.linalg.norm(corners[:, :, 1, 1] - corners[:, :, 0, 0], axis=-1)
+    second = np.linalg.norm(corners[:, :, 1, 0] - corners[:, :, 0, 1], axis=-1)
+    return 2.0 * math.asin(min(1.0, 0.5 * float(np.maximum(first, second).max())))
+
+
+def _corner_grid(columns: Array, rows: Array) -> tuple[Array, Array]:
+    """Columns and rows of the four corners of pixels, (rows, columns, 2, 2)."""
+    half = np.array([-0.5, 0.5])
+    return (
+        columns[None, :, None, None] + half[None, None, None, :],
+        rows[:, None, None, None] + half[None, None, :, None],
+    )
+
+
+def limb_pixels(camera: Camera, directions: Array, pixel_rad: float) -> NDArray[np.bool_]:
+    """True for pixels that the limb may cross, by the directions (..., 3) of their centres;
+    ``pixel_rad``: `pixel_angle`.
+    """
+    off = nadir_angles(camera.position_mcmf_m, directions) - limb_angle(camera.position_mcmf_m)
+    return np.asarray(np.abs(off) <= pixel_rad)
+
 
 PROBES_MOST = 16
 _RUNGS = (-6, 24)  # widths of 2^-6 to 2^24 pixels of the map
@@ -183,7 +260,7 @@ def render_sphere_camera(
     rows, cols = camera.shape
     out = _empty((rows, cols), np.float64, albedo)
     position = np.full((rows, cols, 3), np.nan)
-    pixel_rad = limb.pixel_angle(camera)
+    pixel_rad = pixel_angle(camera)
     at_once = max(1, _BLOCK_PIXELS // cols)
     for first in range(0, rows, at_once):
         block = slice(first, min(first + at_once, rows))
@@ -266,8 +343,8 @@ def _look(camera: Camera, rows: slice, pixel_rad: float) -> tuple[Array, Array, 
     """
     column, row = np.meshgrid(np.arange(camera.shape[1]), np.arange(rows.start, rows.stop))
     rays = camera.rays(np.stack([column, row], axis=-1))
-    near = limb.limb_pixels(camera, rays, pixel_rad)
-    share, middle = limb.coverage(camera, column[near], row[near])
+    near = limb_pixels(camera, rays, pixel_rad)
+    share, middle = coverage(camera, column[near], row[near])
     rays[near] = np.where(
         share[:, None] > 0.0, camera.rays(np.where(share[:, None] > 0.0, middle, 0.0)), rays[near]
     )

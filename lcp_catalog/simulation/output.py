@@ -13,7 +13,7 @@ from ..cameras.isd import isd_with_sun
 from ..choices import PNG, TIFF
 from ..constants import FRAME
 from ..errors import OutputError
-from ..rendering.rasters import geotiff, png
+from ..rendering.output import geotiff, png
 from .frame import SimulatedFrame
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..cameras.camera_file import likely_mistake
 from ..cameras.frame_camera import Camera
-from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix

@@ -21,9 +21,8 @@ from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError
 from ..geometry.frames import Direction, EnuFrame, lonlat_to_mcmf
-from ..images.heights import refuse_heights
 from ..images.image import Image
-from ..images.image_file import ImageOptions, decoded, open_image
+from ..images.image_file import ImageOptions, decoded, open_image, refuse_heights
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches

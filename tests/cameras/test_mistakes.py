@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from helpers.renders import camera_file
 
-from lcp_catalog.cameras.camera_file import read_sensor
+from lcp_catalog.cameras.camera_file import likely_mistake, read_sensor
 from lcp_catalog.cameras.frame_camera import camera_from_json
-from lcp_catalog.cameras.mistakes import likely_mistake
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
 

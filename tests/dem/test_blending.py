@@ -13,9 +13,8 @@ from helpers.products import DEGREE_M, RADIUS_M, cylinder, geotiff, hills
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.dem import blending
-from lcp_catalog.dem.blending import Edge, Tile, clear_of, edge_weight, outer_edges
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.dem.tiles import Edge, Tile, clear_of, edge_weight, outer_edges, smoothstep
 
 SEAMS = (60.0, 75.0, 80.0, 85.0)
 POLAR = (("LDEM_75{}_30M", 75.0, 3000.0), ("LDEM_80{}_20M", 80.0, 2000.0), ("LDEM_85{}_10M", 85.0, 1000.0))  # fmt: skip
@@ -267,12 +266,12 @@ class TestGeometry:
             at, beside = (u, v) if edge.column else (v, u)
             away = np.hypot(at - edge.at, beside - along).min(axis=0)
             found = edge_weight(u.ravel(), v.ravel(), 1.0, [edge], 0.0, 12.0)
-            want = blending.smoothstep(away.ravel() / 12.0)
+            want = smoothstep(away.ravel() / 12.0)
             np.testing.assert_allclose(found, want, atol=1e-3)
 
     def test_smoothstep(self) -> None:
         t = np.array([-1.0, 0.0, 0.25, 0.5, 1.0, 2.0])
-        np.testing.assert_allclose(blending.smoothstep(t), [0.0, 0.0, 0.15625, 0.5, 1.0, 1.0])
+        np.testing.assert_allclose(smoothstep(t), [0.0, 0.0, 0.15625, 0.5, 1.0, 1.0])
 
 
 def test_a_place_depends_on_nothing_else_that_is_asked(moon: DemSet, steps: DemSet) -> None:

@@ -10,9 +10,7 @@ import mpmath
 import numpy as np
 from mpmath import mpf
 
-from lcp_catalog.photometry.hapke_parameters import SETS, HapkeSet
-from lcp_catalog.photometry.laws import Reflectance, radiance_factor
-from lcp_catalog.photometry.phase_functions import SURFACES
+from lcp_catalog.photometry.laws import SETS, SURFACES, HapkeSet, Reflectance, radiance_factor
 
 DIGITS = 60
 

@@ -9,7 +9,7 @@ import pytest
 from helpers.products import geotiff, sldem_512
 
 from lcp_catalog.errors import ImageError
-from lcp_catalog.images.heights import refuse_heights
+from lcp_catalog.images.image_file import refuse_heights
 
 ROOT = Path(__file__).resolve().parents[2]
 DEGREE_M = 30323.35

@@ -15,7 +15,7 @@ from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M
 from lcp_catalog.ephemeris.times import instants
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
-from lcp_catalog.light.earthshine import (
+from lcp_catalog.light.sources import (
     EARTH_ALBEDO,
     EARTH_RADIUS_M,
     LAST_PHASE_DEG,

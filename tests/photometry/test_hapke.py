@@ -15,14 +15,16 @@ from hypothesis import strategies as st
 
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.kernels.photometry.hapke import h_function, hapke_factor, hapke_terms
-from lcp_catalog.photometry.hapke_parameters import (
+from lcp_catalog.photometry.laws import (
     DEFAULT_SET,
     SETS,
     HapkeSet,
+    Reflectance,
     backward_share,
     hapke_set,
+    radiance_factor,
+    reflectance_model,
 )
-from lcp_catalog.photometry.laws import Reflectance, radiance_factor, reflectance_model
 
 FULL = HapkeSet("all effects", 0.5, 0.3, 0.2, 1.2, 0.08, 0.6, 0.02, 0.3, 25.0)
 SMOOTH = HapkeSet("smooth", 0.3854, 0.2375, 0.3253, 1.686, 0.0672, theta_bar_deg=0.0)

@@ -16,9 +16,14 @@ from lcp_catalog.choices import REFLECTANCE_MODELS
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.photometry.laws import LOMMEL_SEELIGER, factors, mixture
-from lcp_catalog.photometry.hapke_parameters import SETS
-from lcp_catalog.photometry.laws import photometry, radiance_factor, reflectance_model
-from lcp_catalog.photometry.phase_functions import DISCS, SURFACES
+from lcp_catalog.photometry.laws import (
+    DISCS,
+    SETS,
+    SURFACES,
+    photometry,
+    radiance_factor,
+    reflectance_model,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 EACH = pytest.mark.parametrize("spec", SPECS)

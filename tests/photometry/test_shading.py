@@ -18,8 +18,7 @@ from lcp_catalog.kernels.elementary import exp_lane, gap_lane, log_lane
 from lcp_catalog.kernels.photometry.images import add_light, angles_deg, shade_nodes
 from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.light.sources import Lighting, LightSource
-from lcp_catalog.photometry.hapke_parameters import HapkeSet
-from lcp_catalog.photometry.laws import Reflectance, reflectance_model
+from lcp_catalog.photometry.laws import HapkeSet, Reflectance, reflectance_model
 from lcp_catalog.rendering.renderer import render_enu
 
 SHAPE = (23, 1100)

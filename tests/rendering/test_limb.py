@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.twins_sphere import sampled_coverage
 
+import lcp_catalog.rendering.sphere_renderer as limb
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry import sphere_intersection
-from lcp_catalog.rendering import limb
 
 R = MOON_RADIUS_M
 
