@@ -22,7 +22,7 @@ LIBRARY: dict[str, str] = {
     "landmarks.corners": "corners",
     "terrain.occlusion": "shadows",
     "terrain.heightfield": "shadows",
-    "production.patches": "shadows",
+    "production.evaluation": "shadows",
     "photometry.laws": "shading",
     "production.sweep": "shading",
     "landmarks.patches": "scales of the images, patches",

@@ -28,8 +28,7 @@ from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, s
 from ..terrain.terrain import Ground, Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
-from .evaluation import Evaluation, evaluate, image_scales
-from .place_errors import PlaceErrors
+from .evaluation import Evaluation, PlaceErrors, evaluate, image_scales
 from .recipe import Recipe
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
 

@@ -1,5 +1,10 @@
 """Evaluation of candidates in every condition: detection probability, covariance of the match and
 independence of the terrain around them, at several scales of the image.
+
+Patches of images that are evaluated together, and their dependence on the terrain around them.
+
+Error models of candidates by their places: height errors differ where maps or several DEMs give
+them, all else is common to a build.
 """
 
 from __future__ import annotations
@@ -10,20 +15,234 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arrays import Array, Bytes, Float32, Index, Mask
+from ..arrays import AnyArray, Array, Bytes, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import detection_probability, least_rival, top_probability
-from ..landmarks.error_model import ErrorModel
-from ..landmarks.localization import Registration, harris_response, light_of
-from ..landmarks.patches import halved, halved_changes, through_optics
+from ..landmarks.error_model import ErrorModel, PatchErrors
+from ..landmarks.localization import Registration, harris_response, light_of, registration
+from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
 from ..landmarks.uniqueness import RING, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
-from .patches import Items, Patches, PatchLight
-from .place_errors import PlaceErrors
 from .sweep import RenderedImages, Sweep
+
+STEP = 0.05
+"""Steps of the logarithm to which height errors are rounded, so that candidates share models: at
+most 2.5 % of the 1 sigma and of the length.
+"""
+
+_LEAST_M = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceErrors:
+    """The error models of n candidates: ``which`` (n,) of ``models``."""
+
+    models: tuple[ErrorModel, ...]
+    which: Index
+
+    @classmethod
+    def alike(cls, model: ErrorModel, count: int) -> PlaceErrors:
+        """One model for all candidates."""
+        return cls((model,), np.zeros(count, np.int64))
+
+    @classmethod
+    def of_heights(cls, model: ErrorModel, sigma_m: Array, length_m: Array) -> PlaceErrors:
+        """A build's model with the 1 sigma and the correlation length of height errors (n,) of each
+        place; NaN: those of the model. A figure equal to the model's is kept as it is; others are
+        rounded to `STEP`.
+        """
+        base = max(model.height_sigma_m, _LEAST_M), model.height_length_m
+        steps = [
+            np.rint(
+                np.log(np.maximum(np.where(np.isfinite(own), own, figure), _LEAST_M) / figure)
+                / STEP
+            )
+            for own, figure in zip((sigma_m, length_m), base, strict=True)
+        ]
+        found, which = np.unique(np.stack(steps, axis=1), axis=0, return_inverse=True)
+        models = tuple(
+            model
+            if not step.any()
+            else dataclasses.replace(
+                model,
+                height_sigma_m=float(base[0] * np.exp(STEP * step[0])),
+                height_length_m=float(base[1] * np.exp(STEP * step[1])),
+            )
+            for step in found
+        )
+        return cls(models, which.reshape(-1))
+
+    def rows(self, some: NDArray[np.int64]) -> PlaceErrors:
+        """A selection of the candidates."""
+        return PlaceErrors(self.models, self.which[some])
+
+    def registration(
+        self, patches: AnyArray, errors: PatchErrors, pixel_m: float, level: Array
+    ) -> Registration:
+        """`landmarks.localization.registration` of the candidates' patches (n, p, p), each with its
+        own model.
+        """
+        if len(self.models) == 1:
+            return registration(patches, errors, self.models[0], pixel_m, level)
+        used = np.unique(self.which)
+        parts = []
+        for number in used.tolist():
+            here = np.flatnonzero(self.which == number)
+            own = registration(
+                patches[here], errors.rows(here), self.models[number], pixel_m, level[here]
+            )
+            parts.append((here, own))
+        return _joined(parts)
+
+
+def _joined(parts: list[tuple[NDArray[np.intp], Registration]]) -> Registration:
+    """Statistics of groups of patches, by their rows, in one."""
+    back = np.argsort(np.concatenate([rows for rows, _ in parts]))
+    first = parts[0][1]
+    columns: dict[str, Any] = {}
+    for field in dataclasses.fields(Registration):
+        values = [getattr(one, field.name) for _, one in parts]
+        columns[field.name] = (
+            np.concatenate(values)[back] if isinstance(values[0], np.ndarray) else values[0]
+        )
+    return dataclasses.replace(first, **columns)
+
+
+@dataclass(frozen=True)
+class Items:
+    """Patches of images: the candidate and the image (n,) of each, the row and column of its middle,
+    and the nodes from there to its edge.
+    """
+
+    candidate: Index
+    which: Index
+    rows: Index
+    cols: Index
+    half: int
+
+    @classmethod
+    def all(cls, images: int, rows: Index, cols: Index, half: int) -> Items:
+        """All candidates in all images, ordered by image."""
+        count = len(rows)
+        which = np.repeat(np.arange(images), count)
+        candidate = np.tile(np.arange(count), images)
+        return cls(candidate, which, rows[candidate], cols[candidate], half)
+
+    def of(self, images: Float32) -> Float32:
+        """The patches (n, p, p) of images (k, rows, cols)."""
+        return patches_of(images, self.which, self.rows, self.cols, self.half)
+
+    def some(self, chosen: Index) -> Items:
+        """A selection of the items."""
+        parts = (self.candidate, self.which, self.rows, self.cols)
+        candidate, which, rows, cols = (part[chosen] for part in parts)
+        return Items(candidate, which, rows, cols, self.half)
+
+    def halved(self) -> Items:
+        """The same places in images at half the resolution."""
+        return dataclasses.replace(
+            self, rows=self.rows // 2, cols=self.cols // 2, half=self.half // 2
+        )
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Patches (n, p, p) in images and rendered from their own nodes alone, their mean lit level (n,),
+    and the images (k, rows, cols): radiance, and its derivatives with respect to the slopes towards east
+    and south.
+    """
+
+    items: Items
+    seen: Float32
+    alone: Float32
+    level: Array
+    radiance: Float32
+    slopes: Float32  # (2, k, rows, cols)
+
+    @property
+    def size(self) -> int:
+        """Nodes along a side."""
+        return int(self.alone.shape[1])
+
+    @property
+    def errors(self) -> PatchErrors:
+        """The patches' sources of error."""
+        east, south = self.slopes
+        return PatchErrors(self.seen, self.items.of(east), self.items.of(south))
+
+    def some(self, chosen: Index) -> Patches:
+        """A selection of the patches."""
+        return dataclasses.replace(
+            self,
+            items=self.items.some(chosen),
+            seen=self.seen[chosen],
+            alone=self.alone[chosen],
+            level=self.level[chosen],
+        )
+
+
+@dataclass(frozen=True)
+class PatchLight:
+    """The candidates' windows in the heightfield of a sweep, around nodes (rows, cols) of its core, and
+    their dependence on terrain outside.
+    """
+
+    sweep: Sweep
+    rows: Index
+    cols: Index
+    half: int
+
+    @property
+    def turn_deg(self) -> float:
+        """Azimuth of the points' north in the area's frame."""
+        return float(np.degrees(self.sweep.turn_rad))
+
+    def shadow_dependence(self, elevation: int, azimuth: int) -> tuple[Float32, Mask]:
+        """Share of each patch's nodes that only terrain outside the patch shadows, (n,), and these
+        nodes, (n, p, p).
+        """
+        sun = self.sweep.sun_directions[elevation, azimuth]
+        before = int(self.sweep.conditions.reachable[:elevation, azimuth].sum())
+        return self._dependence(sun, self.sweep.dark(azimuth)[before])
+
+    def occlusion_dependence(self, view: int) -> Float32:
+        """Share of each patch's nodes that only terrain outside the patch hides from the camera."""
+        camera, hidden = self.sweep.camera_m(view), self.sweep.unseen(view)
+        if camera is None:
+            return self._dependence(self.sweep.view_directions[view], hidden.view(np.uint8))[0]
+        centres = zip(self.rows.tolist(), self.cols.tolist(), strict=True)
+        return np.array([self._hidden_from(view, camera, r, c) for r, c in centres], np.float32)
+
+    def _hidden_from(self, view: int, camera: Array, row: int, col: int) -> float:
+        """Share of the nodes of one patch that face a near camera (ENU, (3,)), and that only terrain
+        outside the patch hides from it.
+        """
+        sweep, half = self.sweep, self.half
+        part = np.s_[row - half : row + half + 1, col - half : col + half + 1]
+        towards = sweep.towards_camera(view)
+        assert towards is not None
+        faces = np.sum(sweep.planes[:, *part] * towards[:, *part], axis=0) > 0.0
+        top, left = sweep.window[0] + row - half, sweep.window[2] + col - half
+        alone = sweep.field.part((top, top + 2 * half + 1, left, left + 2 * half + 1))
+        cast = sweep.unseen(view)[part] & faces & ~alone.occluded_nodes_from(camera)
+        return float(cast.mean())
+
+    def _dependence(self, direction: Array, dark: Bytes) -> tuple[Float32, Mask]:
+        sweep = self.sweep
+        cast = sweep.field.shadowed_from_outside(
+            dark[None],
+            sweep.planes,
+            sweep.window,
+            (self.rows, self.cols),
+            self.half,
+            direction[None],
+        )[0]
+        return cast.mean(axis=(1, 2)).astype(np.float32), cast
+
 
 _DOUBT = 0.02, 0.07
 """Detection probabilities so far below and above the limit are computed again with a search at full

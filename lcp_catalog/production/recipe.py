@@ -1,18 +1,23 @@
-"""The recipe of a build: what is the same for all its areas of one cell size, and how it is chosen."""
+"""The recipe of a build: what is the same for all its areas of one cell size, and how it is chosen.
+
+The files that a build reads, which must stay the same while it runs.
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
+from ..atomic_files import file_facts, file_state
 from ..dem.error_maps import ErrorMaps, height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
-from ..errors import AreaError
+from ..errors import AreaError, AreaFailedError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_file import law_file
@@ -20,8 +25,63 @@ from ..photometry.law_choice import LawChoice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
 from .config import BuildConfig, ModelConfig
-from .input_files import InputFiles
 from .sweep import law_of_build
+
+
+class InputFiles:
+    """Files as they were when they were opened: their state (`atomic_files.file_state`), and after
+    `digest` also their content.
+    """
+
+    def __init__(self) -> None:
+        self._stamps: dict[Path, tuple[int, ...]] = {}
+        self._sums: dict[Path, str] = {}
+
+    def add(self, paths: Iterable[Path]) -> None:
+        """Note the state of files; to be called when they have just been opened."""
+        self._stamps |= {path: _stamp(path) for path in paths}
+
+    def digest(self) -> None:
+        """Note the content of all files. AreaFailedError if one was changed since it was added."""
+        self._sums = {path: _sum(path) for path in self._stamps}
+        for path, stamp in self._stamps.items():
+            if _stamp(path) != stamp:
+                raise _changed(path)
+
+    def require_unchanged(self) -> None:
+        """AreaFailedError for a file whose content is another than at the start. Only files in another
+        state are read again.
+        """
+        for path, stamp in self._stamps.items():
+            now = _stamp(path)
+            if now != stamp:
+                if _sum(path) != self._sums.get(path):
+                    raise _changed(path)
+                self._stamps[path] = now
+
+
+def _stamp(path: Path) -> tuple[int, ...]:
+    try:
+        facts = os.stat(path)
+    except OSError as error:
+        raise _changed(path) from error
+    return file_state(facts)
+
+
+def _sum(path: Path) -> str:
+    try:
+        (facts,) = file_facts([path])
+    except OSError as error:
+        raise _changed(path) from error
+    return str(facts["sha256"])
+
+
+def _changed(path: Path) -> AreaFailedError:
+    return AreaFailedError(
+        f"{path}: was changed, replaced or removed while the build ran; put it back and run again with `resume`, "
+        "or build anew"
+    )
+
 
 log = logging.getLogger(__name__)
 

@@ -30,8 +30,7 @@ from ..ephemeris.reachable import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, SunError
 from ..photometry.facet_file import law_file
 from ..terrain.area import Area
-from ..terrain.region_warnings import warn_of_region
-from ..terrain.useful_cell import Cell
+from ..terrain.useful_cell import Cell, warn_of_region
 from .area_job import AreaJob, run_area
 from .areas import AreaTask, reached
 from .assembly import Assembly
@@ -39,10 +38,9 @@ from .checkpoints import Checkpoints
 from .config import BuildConfig
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
-from .input_files import InputFiles
 from .merging import merge_catalogs
 from .promise import PromiseChoice
-from .recipe import Recipe, cells
+from .recipe import InputFiles, Recipe, cells
 from .sweep import Conditions
 from .worker_memory import caches_mb, divided
 

@@ -31,9 +31,9 @@ from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
-from ..terrain.region_warnings import warn_of_region
 from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, terrain_from_area
+from ..terrain.useful_cell import warn_of_region
 from . import decisions
 from .compositing import Backdrop, composite
 from .decisions import Decision

@@ -19,8 +19,14 @@ from ..errors import ConfigError
 from ..geometry.frames import lonlat_to_mcmf
 from ..production.area_job import AreaJob, run_area
 from ..production.run import Build
-from .image_errors import REFERENCE, ErrorPicture, ImageChanges, compare_images
-from .law_costs import ModelChanges, compare_models
+from .image_errors import (
+    REFERENCE,
+    ErrorPicture,
+    ImageChanges,
+    ModelChanges,
+    compare_images,
+    compare_models,
+)
 from .point_changes import compare_points
 from .timing import Runs, Workers, timed_area
 

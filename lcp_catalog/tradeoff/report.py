@@ -1,15 +1,20 @@
-"""The report of a speed-accuracy measurement: HTML page, Markdown table, and recommended tiers."""
+"""The report of a speed-accuracy measurement: HTML page, Markdown table, and recommended tiers.
+
+Plot of the error of the accuracy tiers over their run time, with the Pareto front.
+"""
 
 # ruff: noqa: E501 - sentences of the report
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS
@@ -17,13 +22,12 @@ from ..atomic_files import check_folder, write_bytes
 from ..catalog.summary import latitude_name
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
 from ..geometry.bounds import turned_deg
+from ..plots.axes import Axes, Axis
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.pictures import data_uri
-from .image_errors import ErrorPicture
-from .law_costs import CONTRAST, WINDOW, ModelChanges
+from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
 from .measurement import Trade
-from .pareto_plot import pareto
 from .point_changes import DETECTION_CHANGE
 
 Row = dict[str, Any]
@@ -355,3 +359,130 @@ def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     steps = [(i, j) for i in range(3) for j in range(3)]
     near = [padded[i : i + rows, j : j + cols] for i, j in steps]
     return np.asarray(np.any(near, axis=0))
+
+
+_NO_ERROR = 0.8
+"""Decades below the error axis at which tiers without errors are drawn."""
+
+
+def pareto(rows: list[Row]) -> Markup:
+    """Plot of all tiers. A row gives two marks at ``sunlit_error_share``: the whole work
+    (``cpu_relative``) and the images alone (``render_relative``). A line joins the Pareto front.
+    """
+    low, high = _time_limits([r[key] for r in rows for key in ("cpu_relative", "render_relative")])
+    decades = _decades([r["sunlit_error_share"] for r in rows if r["sunlit_error_share"] > 0.0])
+    axes = Axes(
+        Axis(
+            low, high, _time_ticks(low, high), "CPU time relative to reference", log=True, grid=True
+        ),
+        Axis(
+            10.0 ** (decades[0] - 1),
+            10.0 ** decades[1],
+            [
+                (_drawn(0.0, decades), "0"),
+                *((10.0**k, _percent(k)) for k in range(decades[0], decades[1] + 1)),
+            ],
+            "share of nodes with a wrong shadow",
+            log=True,
+            grid=True,
+        ),
+        width=644.0,
+        height=318.0,
+        left=92.0,
+        right=24.0,
+        top=18.0,
+        bottom=64.0,
+    )
+    best = front(rows)
+    line = axes.line(
+        [r["cpu_relative"] for r in best],
+        [_drawn(r["sunlit_error_share"], decades) for r in best],
+        "front",
+    )
+    marks = [
+        _marks(axes, row, _drawn(row["sunlit_error_share"], decades), place)
+        for row, place in zip(rows, _label_places(rows), strict=True)
+    ]
+    return axes.draw(
+        Markup().join([line, *marks]), "error of every tier over its time", css="pareto"
+    )
+
+
+def front(rows: list[Row]) -> list[Row]:
+    """The Pareto front, fastest first: rows that no other row equals or beats in both time and
+    error.
+    """
+
+    def beaten(row: Row) -> bool:
+        mine = (row["cpu_relative"], row["sunlit_error_share"])
+        theirs = ((r["cpu_relative"], r["sunlit_error_share"]) for r in rows if r is not row)
+        return any(t <= mine[0] and e <= mine[1] and (t, e) != mine for t, e in theirs)
+
+    return sorted((r for r in rows if not beaten(r)), key=lambda r: r["cpu_relative"])
+
+
+def _drawn(error: float, decades: tuple[int, int]) -> float:
+    """Error at which a mark is drawn; 0, which a logarithmic axis lacks, below the lowest decade."""
+    return error if error > 0.0 else 10.0 ** (decades[0] - _NO_ERROR)
+
+
+def _decades(errors: list[float]) -> tuple[int, int]:
+    """Exponents of the powers of ten around the errors, at least two decades."""
+    logs = [math.log10(e) for e in errors] or [-3.0]
+    low, high = math.floor(min(logs)), math.ceil(max(logs))
+    return (low, high) if high - low > 1 else (high - 2, high)
+
+
+def _time_limits(ratios: list[float]) -> tuple[float, float]:
+    """Ticks around the ratios and around 1, the time of reference."""
+    low, high = max(min(ratios), 1e-6), max(ratios)
+    ticks = _steps(math.floor(math.log10(low)), math.ceil(math.log10(max(high, 1.0))) + 1)
+    below = [t for t in ticks if t <= min(low, 0.5) * 0.95]
+    above = [t for t in ticks if t >= max(high, 1.0) * 1.05]
+    return below[-1] if below else ticks[0], above[0]
+
+
+def _time_ticks(low: float, high: float) -> list[tuple[float, str]]:
+    steps = _steps(math.floor(math.log10(low)), math.ceil(math.log10(high)))
+    return [(t, number(t)) for t in steps if low * (1 - 1e-9) <= t <= high * (1 + 1e-9)]
+
+
+def _steps(first: int, last: int) -> list[float]:
+    """1, 2 and 5 times the powers of ten from below 10^first to 10^last."""
+    return [step * 10.0**power for power in range(first - 1, last + 1) for step in (1, 2, 5)]
+
+
+def _label_places(rows: list[Row]) -> list[int]:
+    """Number of earlier rows with the same error: their labels are stacked."""
+    return [
+        sum(1 for r in rows[:i] if r["sunlit_error_share"] == row["sunlit_error_share"])
+        for i, row in enumerate(rows)
+    ]
+
+
+def _marks(axes: Axes, row: Row, error: float, place: int) -> Markup:
+    """Ring of the images and filled mark of the whole work, joined by a line, with the tier's name."""
+    (images, whole), (y, _) = axes.at([row["render_relative"], row["cpu_relative"]], [error, error])
+    name = row["accuracy"]
+    wrong = f"{100.0 * row['sunlit_error_share']:.3g} % of the nodes wrong"
+    parts = [Markup(f'<path class="tie" d="M{images:.1f} {y:.1f}H{whole:.1f}"/>')]
+    parts += [
+        Markup(
+            '<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{}"><title>{}, {}: {:.3g} of reference, {}</title></circle>'
+        ).format(css, x, y, radius, name, what, row[key], wrong)
+        for css, x, radius, what, key in (
+            ("images", images, 5, "images alone", "render_relative"),
+            ("whole", whole, 6, "whole work", "cpu_relative"),
+        )
+    ]
+    parts.append(
+        Markup('<text class="name middle" x="{:.1f}" y="{:.1f}">{}</text>').format(
+            whole, y - 12 - 15 * place, name
+        )
+    )
+    return Markup().join(parts)
+
+
+def _percent(power: int) -> str:
+    """10^power as a share in per cent, without an exponent."""
+    return f"{100.0 * 10.0**power:.{max(0, -2 - power)}f} %"

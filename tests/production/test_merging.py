@@ -26,8 +26,7 @@ from lcp_catalog.catalog.verification import all_problems
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
-from lcp_catalog.production.merged_maps import MergedMaps, MergedPart
-from lcp_catalog.production.merging import merge_catalogs
+from lcp_catalog.production.merging import MergedMaps, MergedPart, merge_catalogs
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.validation.claims import search_radius_m

@@ -13,8 +13,8 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.ephemeris.reachable import reachable_suns
 from lcp_catalog.landmarks.multicover import Cover
 from lcp_catalog.landmarks.selection import Nearby, Places
-from lcp_catalog.production import moments
-from lcp_catalog.production.moments import Near, moment_cover
+from lcp_catalog.production import promise
+from lcp_catalog.production.promise import Near, moment_cover
 
 GRID = SunCells.of((0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 15.0), np.arange(0.0, 360.0, 30.0))
 CELLS = (GRID.shape[0] - 1) * GRID.shape[1]
@@ -109,8 +109,8 @@ def test_a_place_has_what_it_is_told_at_every_moment(lat_deg: float, share: floa
 def test_what_is_taken_together_is_less_and_still_true(monkeypatch: pytest.MonkeyPatch) -> None:
     made = Made(84.0, 80e3, 1.0)
     fine = made.cover()[0]
-    monkeypatch.setattr(moments, "_ROWS", 100)
-    monkeypatch.setattr(moments, "_PARTS", 3)
+    monkeypatch.setattr(promise, "_ROWS", 100)
+    monkeypatch.setattr(promise, "_PARTS", 3)
     coarse, happens = made.cover()
     assert len(coarse.bits) == 60 * 9
     everyone = np.arange(60)

@@ -23,8 +23,7 @@ from lcp_catalog.production.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.production.evaluation import Evaluation, evaluate
-from lcp_catalog.production.patches import PatchLight
+from lcp_catalog.production.evaluation import Evaluation, PatchLight, evaluate
 from lcp_catalog.production.sweep import (
     Conditions,
     Sweep,

@@ -18,8 +18,7 @@ from lcp_catalog.production.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.production.evaluation import evaluate
-from lcp_catalog.production.place_errors import STEP, PlaceErrors
+from lcp_catalog.production.evaluation import STEP, PlaceErrors, evaluate
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.plan import ring_decision
 

@@ -18,10 +18,16 @@ from hypothesis import strategies as st
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.shadows import scan_lines
-from lcp_catalog.terrain import occlusion_scan
+from lcp_catalog.terrain import occlusion
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
-from lcp_catalog.terrain.occlusion_scan import LIKELY, PROVED, Effort, hybrid_occluded
+from lcp_catalog.terrain.occlusion import (
+    LIKELY,
+    PROVED,
+    Effort,
+    hybrid_occluded,
+    occluded,
+    occluded_sweep,
+)
 from lcp_catalog.threads import limit_threads, thread_limit
 
 AZIMUTHS = (0, 17, 45, 77, 100, 143, 200, 270, 300, 339)
@@ -145,7 +151,7 @@ class TestDraft:
                 cases.append((field, direction_enu(rng.uniform(0, 360), elevation)))
         skipping = [occluded(field, towards, TIERS["draft"]) for field, towards in cases]
         asleep = 0
-        awake = occlusion_scan.SunAhead.awake
+        awake = occlusion.SunAhead.awake
 
         def all_awake(sun, slope, width):
             nonlocal asleep
@@ -153,7 +159,7 @@ class TestDraft:
             asleep += int((~found).sum())
             return np.ones_like(found)
 
-        monkeypatch.setattr(occlusion_scan.SunAhead, "awake", all_awake)
+        monkeypatch.setattr(occlusion.SunAhead, "awake", all_awake)
         for (field, direction), mask in zip(cases, skipping, strict=True):
             differs = mask != occluded(field, direction, TIERS["draft"])
             assert not (mask[differs] | field.occluded_nodes(direction)[differs]).any()
@@ -271,7 +277,7 @@ class TestHigh:
         )
 
     def test_without_slack_it_would_be_wrong(self, monkeypatch):
-        monkeypatch.setattr(occlusion_scan, "slacks", lambda *_: (-1e-2, -1e-2))
+        monkeypatch.setattr(occlusion, "slacks", lambda *_: (-1e-2, -1e-2))
         field = Heightfield(cratered(96, relief_m=0.01), 20.0)
         wrong = 0
         for azimuth in AZIMUTHS:

@@ -26,7 +26,7 @@ of `scan_lines`). Beside nodata an edge may belong to no triangle: it may be use
 not in a lower one; ``sure`` is the raster without the nodes beside nodata.
 
 Arithmetic is float32; ``slack`` and ``near_slack`` bound its rounding
-(`terrain.occlusion_scan.slacks`); nodes within them are left undecided.
+(`terrain.occlusion.slacks`); nodes within them are left undecided.
 """
 
 import math
