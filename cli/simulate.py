@@ -188,8 +188,13 @@ def command(
         raise click.UsageError(f"-o {output}: the output must end in .png or .tif")
 
     from lcp_catalog.photometry.albedo_map import open_grey_map
-    from lcp_catalog.simulation.output import camera_path, encode_camera, encode_frame
-    from lcp_catalog.simulation.public import lone_catalog, simulate
+    from lcp_catalog.simulation.output import (
+        camera_path,
+        encode_camera,
+        encode_frame,
+        lone_catalog,
+        simulate,
+    )
 
     lone_catalog(source, gsd_m, model.albedo, bounce == "on", product_order)
 

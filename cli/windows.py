@@ -135,7 +135,7 @@ def command(
         raise click.UsageError(f"-o {output}: the output must end in .csv")
 
     from lcp_catalog.atomic_files import write_bytes
-    from lcp_catalog.navigation.public import windows
+    from lcp_catalog.navigation.site_windows import windows
 
     options.check_outputs(overwrite, output)
     with progress("instants") as update:

@@ -36,15 +36,15 @@ if TYPE_CHECKING:
     from .matching.position_fix import locate as locate
     from .matching.templates import render_patches as render_patches
     from .navigation.expected_position import Answer as Answer
-    from .navigation.public import query as query
-    from .navigation.public import query_trajectory as query_trajectory
-    from .navigation.public import windows as windows
+    from .navigation.expected_position import query as query
+    from .navigation.expected_position import query_trajectory as query_trajectory
+    from .navigation.site_windows import windows as windows
     from .production.config import BuildConfig as BuildConfig
     from .production.public import build_catalog as build_catalog
     from .production.public import merge as merge
     from .rendering.public import render as render
     from .simulation.detector import Detector as Detector
-    from .simulation.public import simulate as simulate
+    from .simulation.output import simulate as simulate
     from .tradeoff.public import trade as trade
     from .validation.public import validate as validate
 
@@ -74,17 +74,17 @@ _MODULES = {
     "merge": "production.public",
     "open_catalog": "catalog.hdf5",
     "open_image": "images.image_file",
-    "query": "navigation.public",
-    "query_trajectory": "navigation.public",
+    "query": "navigation.expected_position",
+    "query_trajectory": "navigation.expected_position",
     "read_camera": "cameras.camera_file",
     "render": "rendering.public",
     "render_patches": "matching.templates",
     "report": "catalog.public",
-    "simulate": "simulation.public",
+    "simulate": "simulation.output",
     "sun_at": "light.public",
     "trade": "tradeoff.public",
     "validate": "validation.public",
-    "windows": "navigation.public",
+    "windows": "navigation.site_windows",
 }
 
 __all__ = ["__version__", *_MODULES]  # noqa: PLE0604  the keys of the table are strings

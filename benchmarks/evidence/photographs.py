@@ -42,11 +42,15 @@ from lcp_catalog.plots.axes import Axes, Axis, round_ticks
 from lcp_catalog.plots.numbers import typeset
 from lcp_catalog.plots.pictures import grey, shrunk
 from lcp_catalog.validation.claims import Claims
-from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
+from lcp_catalog.validation.ground_comparison import (
+    RenderSettings,
+    WindowChoice,
+    WindowComparison,
+    against_dem,
+)
 from lcp_catalog.validation.report_pictures import COLOURS, correlation_class
 from lcp_catalog.validation.result import ImageVerdict, plain
 from lcp_catalog.validation.run import Validation, run_validation
-from lcp_catalog.validation.window_correlation import WindowComparison
 
 PAPER = {"a": (0.89, 0.985), "b": (0.84, 0.985)}
 """Share of windows above 0.9 and mode, Pivovarchuk et al. (2026), figure 4: a, the image reduced to the cells of the DEM; b, image

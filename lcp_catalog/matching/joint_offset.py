@@ -27,13 +27,12 @@ from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..photometry.laws import Reflectance
 from . import sun_check
-from .coarse_offset import CoarseShift, coarse_shift, correlation_maps
 from .common_errors import shadow_shift_px
 from .consensus import GATE, SIGNIFICANT, independent_share, widened
 from .point_choice import likeliest
 from .point_search import SearchImage
 from .pose import Pose, jacobian, solve
-from .search_area import SearchArea, slack_px
+from .search_area import CoarseShift, SearchArea, coarse_shift, correlation_maps, slack_px
 from .subpixel import peaks
 from .sun_check import SunCheck, check_sun
 

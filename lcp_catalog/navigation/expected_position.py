@@ -19,19 +19,24 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from ..arrays import Array, Index
+from ..cameras.public import CameraOrPath, SensorOrPath, any_sensor, framing_camera
 from ..cameras.sensor import POSE, Sensor
 from ..catalog.catalogue import Catalog
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..errors import CameraError
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
+from ..light.sun_choice import SunChoice
 from ..matching.common_errors import SharedTerrain, shadow_shift_m
 from ..matching.point_choice import LEAST_SIGMA_PX
 from ..matching.pose import covariance_of, jacobian
 from .frame_points import FramePoints, PlannedImage, points_of_frames
+from .trajectory_file import read_trajectory
 
 FIRST_SIGMAS = 3.0
 """1 sigma of the position before the first point of `best_points`, in mean distances of the points;
@@ -428,3 +433,120 @@ def _position(sensor: Sensor) -> Array:
 
 def _length(covariance: Array | None) -> float | None:
     return None if covariance is None else float(np.sqrt(np.trace(covariance)))
+
+
+def query(
+    catalog: CatalogOrPath,
+    camera: SensorOrPath,
+    *,
+    sun_azimuth_deg: float | None = None,
+    sun_elevation_deg: float | None = None,
+    time_utc: str | None = None,
+    subsolar_deg: tuple[float, float] | None = None,
+    most: int | None = None,
+    attitude_sigma_deg: float = math.inf,
+    height_sigma_m: float | None = None,
+    map_sigma_m: float = 0.0,
+    pixel_sigma_px: float = LEAST_SIGMA_PX,
+) -> Answer:
+    """Points of a catalogue that a camera can use under a Sun, and the expected accuracy of a position
+    from them: the inverse of the information that the claimed matches give (Gauss-Markov; errors of
+    places, heights and map as common parameters).
+
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    camera:
+        Camera or another sensor, or its file.
+    sun_azimuth_deg, sun_elevation_deg:
+        The Sun at the image's centre: degrees clockwise from north, and above the horizontal plane.
+    time_utc, subsolar_deg:
+        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
+        the subsolar point. None of them: the Sun of the camera's file.
+    most:
+        Only so many points: those that together determine the position best. None: all usable ones.
+    attitude_sigma_deg:
+        1 sigma of the known attitude about each axis; infinite: unknown, 0: exact.
+    height_sigma_m:
+        1 sigma of the points' heights; None: the catalogue's.
+    map_sigma_m:
+        1 sigma, each axis, of an error of place common to all points.
+    pixel_sigma_px:
+        1 sigma, each axis, of what a match errs beyond its claim, pixels not finer than the cells.
+
+    Returns
+    -------
+    Answer
+        ``rows`` (m,) of the points, their ``probability`` (m,), ``pixel`` (m, 2), ``sigma_px``
+        (m, 2); ``counts`` by cause; ``position``, an `ExpectedPosition`.
+
+    Raises
+    ------
+    SunError, CameraError, ImageError, CatalogError
+        Without a Sun, for files that cannot be read, for a camera that does not see the Moon.
+
+    Examples
+    --------
+    >>> answer = lcp.query(catalog, camera, sun_azimuth_deg=96.5, sun_elevation_deg=14)
+    >>> answer.counts["in_view"] == len(lcp.open_catalog(catalog)), answer.usable == len(answer.rows)
+    (True, True)
+    """
+    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
+    asked = Query(
+        most, math.radians(attitude_sigma_deg), height_sigma_m, map_sigma_m, pixel_sigma_px
+    )
+    image = PlannedImage.lit(any_sensor(camera), sun)
+    (answer,) = answers(opened_catalog(catalog, check=False), [image], asked)
+    return answer
+
+
+def query_trajectory(
+    catalog: CatalogOrPath,
+    trajectory: Path | str,
+    camera: CameraOrPath | None = None,
+    *,
+    sun_azimuth_deg: float | None = None,
+    sun_elevation_deg: float | None = None,
+    time_utc: str | None = None,
+    subsolar_deg: tuple[float, float] | None = None,
+    most: int | None = None,
+    attitude_sigma_deg: float = math.inf,
+    height_sigma_m: float | None = None,
+    map_sigma_m: float = 0.0,
+    pixel_sigma_px: float = LEAST_SIGMA_PX,
+) -> Iterator[Answer]:
+    """The answers of `query` for the frames of a trajectory, one after another.
+
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    trajectory:
+        CSV of times, positions and attitudes of ``camera``, or JSON list of cameras
+        (`navigation.trajectory_file`).
+    camera:
+        Camera of a CSV, or its file.
+    sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg, most, attitude_sigma_deg:
+        As `query`; None of the Sun: that of each frame's time.
+    height_sigma_m, map_sigma_m, pixel_sigma_px:
+        As `query`.
+
+    Raises
+    ------
+    SunError, CameraError, ImageError, CatalogError
+        As `query`.
+
+    Examples
+    --------
+    >>> frames = lcp.query_trajectory(catalog, descent, camera)
+    >>> [answer.usable >= 0 for answer in frames]
+    [True, True]
+    """
+    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
+    asked = Query(
+        most, math.radians(attitude_sigma_deg), height_sigma_m, map_sigma_m, pixel_sigma_px
+    )
+    taken = read_trajectory(trajectory, None if camera is None else framing_camera(camera))
+    images = [PlannedImage.lit(one, sun) for one in taken]
+    return answers(opened_catalog(catalog, check=False), images, asked)

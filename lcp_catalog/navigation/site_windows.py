@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Index
+from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import predict
+from ..catalog.public import CatalogOrPath, opened_catalog
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.solar_position import apparent_sun
 from ..ephemeris.table import sun_table
-from ..ephemeris.times import Instants
+from ..ephemeris.times import Instants, Times, instants
 from ..errors import CatalogError
 from ..geometry.frames import EnuFrame, direction_enu
 from .expected_position import LEAST_POINTS, Query, answers
@@ -176,3 +178,66 @@ def camera_windows(
 def _sun_at(frame: EnuFrame, times: Instants) -> Array:
     table = sun_table(frame, times)
     return np.stack([table.azimuth_deg, table.elevation_deg], axis=-1)
+
+
+def windows(
+    catalog: CatalogOrPath,
+    center_deg: tuple[float, float],
+    times: Times,
+    *,
+    size_km: float = 60.0,
+    gsd_m: float | None = None,
+    off_nadir_deg: float = 0.0,
+    view_azimuth_deg: float = 0.0,
+    camera: SensorOrPath | None = None,
+    progress: Progress | None = None,
+) -> SiteWindows:
+    """When a site has how many usable points: the Sun over time, for a camera that looks at the site
+    from one direction, or for one that stays where it is.
+
+    Parameters
+    ----------
+    catalog:
+        A catalogue, or its file.
+    center_deg:
+        Longitude and latitude of the site, degrees.
+    times:
+        Instants (`instant_range` makes a range of them).
+    size_km:
+        Side of the square around the site whose points count.
+    gsd_m:
+        Size of a pixel on the ground; None: each point's cell.
+    off_nadir_deg, view_azimuth_deg:
+        Direction to the camera, from the vertical and clockwise from north.
+    camera:
+        In place of size, pixel and direction: a camera that stays, or its file; adds the expected
+        accuracy of its position.
+    progress:
+        Called with the number of instants done and of all.
+
+    Returns
+    -------
+    SiteWindows
+        ``usable`` (n,) and ``expected`` (n,) points at n instants; `SiteWindows.intervals`.
+
+    Raises
+    ------
+    CatalogError
+        If no point of the catalogue lies at the site.
+    SunError
+        For an invalid time.
+
+    Examples
+    --------
+    >>> times = lcp.instant_range("2026-03-01", "2026-03-31", step_s=86400.0)
+    >>> found = lcp.windows(catalog, (3.5, 26.0), times, size_km=40)
+    >>> found.usable.shape, found.points > 0
+    ((31,), True)
+    """
+    lon_deg, lat_deg = center_deg
+    place, when = EnuFrame(lon_deg, lat_deg), instants(times)
+    opened = opened_catalog(catalog, check=False)
+    if camera is not None:
+        return camera_windows(opened, place, any_sensor(camera), when, progress)
+    site = Site(place, 1e3 * size_km, gsd_m, off_nadir_deg, view_azimuth_deg)
+    return site_windows(opened, site, when, progress)

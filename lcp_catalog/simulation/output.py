@@ -1,20 +1,37 @@
-"""A simulated frame as files: PNG or GeoTIFF, and its camera with the Sun."""
+"""A simulated frame: the public function that takes it, and its files (PNG or GeoTIFF, and its camera with
+the Sun).
+"""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from .._version import __version__
+from ..accuracy import accuracy as accuracy_of
+from ..atomic_files import check_output, write_bytes
 from ..cameras.frame_camera import Camera
-from ..cameras.isd import isd_with_sun
+from ..cameras.isd import AnySensor, isd_with_sun
+from ..cameras.public import rendered_sensor
+from ..catalog.catalogue import Catalog
 from ..choices import PNG, TIFF
 from ..constants import FRAME
-from ..errors import OutputError
+from ..dem.mosaic import DemSet
+from ..dem.public import Dems, dem_set
+from ..errors import ConfigError, OutputError
+from ..light.environment import Environment
+from ..light.sun_choice import SunChoice
+from ..photometry.albedo_map import AlbedoMap, open_grey_map
+from ..photometry.law_choice import law_of
+from ..photometry.laws import Reflectance
 from ..rendering.output import geotiff, png
-from .frame import SimulatedFrame
+from ..rendering.request import Request, ViewChoice
+from .detector import Detector
+from .frame import DemSurface, SimulatedFrame, Surface, frame
+from .patch_surface import PatchSurface, is_catalog
 
 
 def encode_frame(frame: SimulatedFrame, path: Path | str) -> bytes:
@@ -54,3 +71,145 @@ def describe(frame: SimulatedFrame) -> dict[str, Any]:
     detector = asdict(frame.detector) | {"full_scale": frame.full_scale}
     names = sorted({path.name for path in frame.sources})
     return {"detector": detector, "rays_per_pixel": frame.samples**2, "sources": names}
+
+
+def simulate(
+    source: Dems | Catalog,
+    camera: AnySensor | Path | str,
+    output: Path | str | None = None,
+    *,
+    sun_azimuth_deg: float | None = None,
+    sun_elevation_deg: float | None = None,
+    time_utc: str | None = None,
+    subsolar_deg: tuple[float, float] | None = None,
+    disc: bool | None = None,
+    environment: Environment | Path | str | None = None,
+    bounce: str = "off",
+    detector: Detector | None = None,
+    samples: int | None = None,
+    gsd_m: float | None = None,
+    reflectance: Reflectance | str = "auto",
+    albedo: AlbedoMap | Path | str | None = None,
+    accuracy: str | None = None,
+    tolerance: float | None = None,
+    product_order: Sequence[str] = (),
+    overwrite: bool = False,
+) -> SimulatedFrame:
+    """Simulate the frame that a camera takes of a DEM, or of a catalogue's patches.
+
+    Parameters
+    ----------
+    source:
+        DEM files or an opened set, or a catalogue or its file.
+    camera:
+        Camera, or its file.
+    output:
+        Also write the frame (.png: the detector's numbers; .tif: radiance factor) and, beside it,
+        its camera as ``NAME_camera.json``.
+    sun_azimuth_deg, sun_elevation_deg:
+        The Sun at the middle of what is seen: degrees clockwise from north, and above the horizontal plane.
+    time_utc, subsolar_deg:
+        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
+        the subsolar point. None of them: the Sun of the camera's file.
+    disc:
+        True for the solar disc, False for a point; None: as the accuracy says.
+    environment:
+        In place of the Sun: an environment map (equirectangular panorama).
+    bounce:
+        Light that reaches ground by way of other ground: one of `choices.BOUNCES`; DEMs only.
+    detector:
+        Blur, noise, exposure, bits and seed; None: a sharp detector of 8 bits without noise.
+    samples:
+        Rays along a pixel's side; None: one per cell, 2 to 4.
+    gsd_m:
+        Cell size; None: the DEM's own. DEMs only.
+    reflectance:
+        Reflectance law, or its name (`choices.REFLECTANCE_MODELS`, or ``auto``).
+    albedo:
+        Albedo map, or its file. DEMs only.
+    accuracy, tolerance:
+        Tier (`accuracy.TIERS`; None: ``reference``), or instead the largest error of a node's sunlit
+        share.
+    product_order:
+        Order of precedence where DEMs overlap.
+    overwrite:
+        True: replace existing outputs.
+
+    Returns
+    -------
+    SimulatedFrame
+        ``radiance`` (rows, cols), I/F before noise, NaN where the terrain is unknown; ``numbers``
+        (rows, cols), uint8 or uint16; ``camera`` with the Sun's position; `SimulatedFrame.image`.
+
+    Raises
+    ------
+    ConfigError
+        For options of DEMs with a catalogue.
+    CameraError
+        If the camera sees nothing of the terrain.
+    LcpError
+        As `render`.
+
+    Examples
+    --------
+    >>> taken = lcp.simulate(
+    ...     folder / "hadley_gld100_256ppd.tif", small_camera,
+    ...     sun_azimuth_deg=96.5, sun_elevation_deg=14, accuracy="draft",
+    ...     detector=lcp.Detector(noise=0.02, seed=1),
+    ... )
+    >>> taken.numbers.shape == small_camera.shape, taken.numbers.dtype
+    (True, dtype('uint8'))
+    """
+    detector = detector or Detector()
+    seen = rendered_sensor(camera)
+    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
+    tier = accuracy_of(accuracy or ("reference" if tolerance is None else None), tolerance)
+    light = Environment.opened(environment)
+    surface: Surface
+    of_catalog = lone_catalog(source, gsd_m, albedo, bounce == "on", product_order)
+    if of_catalog is not None:
+        surface = PatchSurface.lit(
+            of_catalog, sun, seen, light, model=law_of(reflectance), accuracy=tier, disc=disc
+        )
+    elif not isinstance(source, Catalog):
+        request = Request(
+            dems=dem_set(source, product_order),
+            gsd_m=gsd_m,
+            sun=sun,
+            view=ViewChoice(seen),
+            albedo=open_grey_map(albedo) if isinstance(albedo, Path | str) else albedo,
+            bounce=bounce,
+            model=law_of(reflectance),
+            accuracy=tier,
+            disc=disc,
+            environment=light,
+        )
+        surface = DemSurface.seen(request, detector.margin_px)
+    taken = frame(surface, seen, detector, samples)
+    if output is not None:
+        path = camera if isinstance(camera, Path | str) else None
+        written = {
+            Path(output): encode_frame(taken, output),
+            camera_path(output): encode_camera(taken, path),
+        }
+        for name in written:
+            check_output(name, overwrite)
+        for name, content in written.items():
+            write_bytes(name, content, overwrite)
+    return taken
+
+
+def lone_catalog(source: Dems | Catalog, *of_dems: object) -> Catalog | Path | str | None:
+    """The catalogue that is a source of frames; None for DEMs. ConfigError for a catalogue beside other files, or
+    with a value of ``of_dems``: options that only DEMs have.
+    """
+    files = [source] if isinstance(source, Catalog | DemSet | Path | str) else list(source)
+    first = files[0] if files else None
+    if not (isinstance(first, Catalog) or (isinstance(first, Path | str) and is_catalog(first))):
+        return None
+    if len(files) > 1 or any(of_dems):
+        name = first if isinstance(first, Path | str) else "the source"
+        raise ConfigError(
+            f"{name} is a catalogue: give it alone, without `gsd_m`, `albedo`, `bounce` and `product_order`"
+        )
+    return first

@@ -22,8 +22,8 @@ from ..matching.matches import FOUND
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import nice_step, number, typeset
 from ..plots.pictures import data_uri, grey, shrunk
+from .ground_comparison import BIN, WindowComparison
 from .result import ImageVerdict, Pictures, WindowFigures
-from .window_correlation import BIN, WindowComparison
 
 CANVAS = 960.0
 """Width of a drawing in SVG units; smaller for an image whose drawing would be higher than

@@ -25,9 +25,9 @@ from ..matching.pose import Pose, PositionError
 from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from ..matching.sun_check import SunCheck
 from ..plots.numbers import number
+from .advice import EncodingCheck
 from .claims import Claims, Scores, score
-from .encoding_check import EncodingCheck
-from .window_correlation import WindowComparison
+from .ground_comparison import WindowComparison
 
 VERDICTS = (LOCATED, NOT_HERE, CANNOT_SAY)
 """Possible results of an image."""

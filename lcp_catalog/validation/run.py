@@ -42,9 +42,8 @@ from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
-from .advice import advised, albedo_advice
+from .advice import EncodingCheck, advised, albedo_advice, check_encoding
 from .claims import Claims, ClaimSearch
-from .encoding_check import EncodingCheck, check_encoding
 from .error_fit import FittedErrors, Residuals, fit_errors, residuals_of
 from .ground_comparison import (
     GroundComparison,

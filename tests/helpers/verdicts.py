@@ -18,8 +18,8 @@ from lcp_catalog.matching.position_fix import Fix
 from lcp_catalog.matching.sun_check import SunCheck
 from lcp_catalog.validation import result
 from lcp_catalog.validation.claims import Claims
+from lcp_catalog.validation.ground_comparison import WindowComparison, compare
 from lcp_catalog.validation.result import Pictures
-from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 WIDTH, HEIGHT = 640, 480
 ALTITUDE_M = 100e3

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.cameras.sensor import Reduced
-from lcp_catalog.matching.coarse_offset import (
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.search_area import (
     CoarseShift,
     _log10_gamma_tail,
     _peak,
@@ -22,7 +23,6 @@ from lcp_catalog.matching.coarse_offset import (
     _vote,
     coarse_shift,
 )
-from lcp_catalog.matching.point_choice import points_in_view
 
 catalog = pytest.fixture(hadley_catalog, scope="module")
 camera = pytest.fixture(hadley_camera, scope="module")

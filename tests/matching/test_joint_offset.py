@@ -16,7 +16,6 @@ from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching import joint_offset, position_fix
-from lcp_catalog.matching.coarse_offset import CoarseShift, coarse_shift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.joint_offset import FEWEST, SHOWS, JointOffset, find_joint_offset
 from lcp_catalog.matching.point_choice import working_image
@@ -29,7 +28,7 @@ from lcp_catalog.matching.position_fix import (
     Options,
     locate,
 )
-from lcp_catalog.matching.search_area import SearchArea
+from lcp_catalog.matching.search_area import CoarseShift, SearchArea, coarse_shift
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.matching.templates import render_patches
 

@@ -20,7 +20,6 @@ from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
 from lcp_catalog.catalog.hdf5 import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.coarse_offset import CoarseShift
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE, REASONS
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
@@ -36,7 +35,7 @@ from lcp_catalog.matching.position_fix import (
     locate,
     nothing_in,
 )
-from lcp_catalog.matching.search_area import narrowed, perhaps_in_view
+from lcp_catalog.matching.search_area import CoarseShift, narrowed, perhaps_in_view
 from lcp_catalog.matching.sun_check import check_points, with_sun
 
 UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.matching.subpixel import moved, peaks, undone
-from lcp_catalog.validation.window_correlation import common_shift, compare
+from lcp_catalog.validation.ground_comparison import common_shift, compare
 
 
 def bowl(reach, summit, bend=(-1.0, -0.5, 0.3)):

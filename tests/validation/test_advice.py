@@ -11,7 +11,7 @@ from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from lcp_catalog.validation import advice
 from lcp_catalog.validation.advice import advised, albedo_advice
-from lcp_catalog.validation.window_correlation import WindowComparison
+from lcp_catalog.validation.ground_comparison import WindowComparison
 
 bump = pytest.fixture(bump_catalog, scope="module")
 above = pytest.fixture(above_it, scope="module")

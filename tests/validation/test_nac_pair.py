@@ -32,7 +32,7 @@ from lcp_catalog.matching.position_fix import (
 )
 from lcp_catalog.matching.search_area import SearchArea
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.validation.window_correlation import compare
+from lcp_catalog.validation.ground_comparison import compare
 
 WITHIN_M = 2.0
 BY_WINDOWS_M = np.array([0.41, -1.51])

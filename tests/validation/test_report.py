@@ -13,11 +13,12 @@ from helpers import verdicts
 from helpers.pages import Page, decoded, in_browser, measured, parsed
 
 from lcp_catalog.plots.pictures import PIXELS_MAX, grey
-from lcp_catalog.validation import report_pictures, report_points, result
-from lcp_catalog.validation.encoding_check import EncodingCheck
+from lcp_catalog.validation import report as page_of
+from lcp_catalog.validation import report_pictures, result
+from lcp_catalog.validation.advice import EncodingCheck
+from lcp_catalog.validation.ground_comparison import of_patches
 from lcp_catalog.validation.report import render
 from lcp_catalog.validation.result import Pictures
-from lcp_catalog.validation.window_correlation import of_patches
 
 BYTES_MAX = 5_000_000
 """Largest size of a page per image."""
@@ -285,7 +286,7 @@ def test_claims_that_were_not_scored_say_why() -> None:
 
 
 def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report_points, "ROWS_MAX", 10)
+    monkeypatch.setattr(page_of, "ROWS_MAX", 10)
     html = alone(verdicts.image())
     assert len(re.findall(r"<tr class='(?:is|not)-found'", html)) == 10
     assert "Table of the 60 points in view. The first 10 are shown; the CSV file has all." in html

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.matching.matches import MEANINGS, REASONS
 from lcp_catalog.validation import report_pictures
+from lcp_catalog.validation.ground_comparison import WindowComparison, compare
 from lcp_catalog.validation.report_pictures import (
     BOTTOM,
     CANVAS,
@@ -26,7 +27,6 @@ from lcp_catalog.validation.report_pictures import (
     Arrows,
     ImageDrawing,
 )
-from lcp_catalog.validation.window_correlation import WindowComparison, compare
 
 TEMPLATES = files("lcp_catalog.plots") / "templates"
 STYLE = "".join((TEMPLATES / name).read_text("utf-8") for name in ("page.css", "validation.css"))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.matching.subpixel import undone
-from lcp_catalog.validation.window_correlation import compare, of_patches
+from lcp_catalog.validation.ground_comparison import compare, of_patches
 
 
 def rough(x, y, seed=0, longest=40.0):

@@ -12,7 +12,7 @@ import pytest
 from helpers.apollo_windows import LINEAR, Ground
 from images.test_image import CAMERA, DEM, PHOTO
 
-from lcp_catalog.validation.window_correlation import compare
+from lcp_catalog.validation.ground_comparison import compare
 
 GSD_M, TWICE_M = 474.0, 948.0
 
