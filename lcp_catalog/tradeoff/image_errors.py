@@ -27,7 +27,7 @@ from ..photometry.laws import reflectance_model
 from ..production.area_job import AreaJob, area_sweep
 from ..production.sweep import Conditions, RenderedImage, Sweep
 from ..threads import limit_threads
-from ..validation.window_correlation import compare
+from ..validation.ground_comparison import compare
 
 REFERENCE = "reference"
 
