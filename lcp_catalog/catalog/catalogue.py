@@ -16,9 +16,8 @@ from ..errors import CatalogError
 from ..geometry.bounds import Bounds
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .content import attributes, group_attributes, require, values
-from .layout import GROUPS
+from .layout import GROUPS, axis_direction, packing, sigma_step_m
 from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
-from .packing import axis_direction, packing, sigma_step_m
 from .schema import OPTIONAL, PACKED, universal
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
-from .layout import FIXED, GROUPS, LEVELS, Values, centred, key
-from .packing import packing
+from .layout import FIXED, GROUPS, LEVELS, Values, centred, key, packing
 from .schema import (
     COVERAGE_STATUS,
     COVERAGE_UNKNOWN,

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from .catalogue import Catalog
 from .charts import ReliefMap
-from .packing import packing
+from .layout import packing
 from .schema import COVERAGE_UNKNOWN, usable
 from .summary import view_name
 

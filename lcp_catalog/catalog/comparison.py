@@ -17,10 +17,9 @@ from ..arrays import AnyArray, Array, Index
 from ..atomic_files import write_aside
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
-from .cell_levels import levels
 from .layout import GROUPS, TEXT, key
 from .model import BLOCK_BYTES
-from .schema import VARIABLES
+from .schema import VARIABLES, levels
 from .stored import content_sha256
 from .verification import open_catalog
 
@@ -253,7 +252,7 @@ def compare(first: Path | str, second: Path | str) -> Comparison:
 
     Points are matched by their ids; the version of the software and the order of the points do not
     count. A point without partner is taken for moved if the nearest other one without partner, of a
-    cell size of the same level (`cell_levels`), lies within the spacing, and each is nearest to the
+    cell size of the same level (`schema.levels`), lies within the spacing, and each is nearest to the
     other. Files with the same digests of their content are not read further.
     """
     one, other = (open_catalog(path, check=False) for path in (first, second))

@@ -10,9 +10,18 @@ import numpy as np
 from ..arrays import AnyArray
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError
-from .layout import FIXED, GROUP_ATTRIBUTES, GROUPS, OPTIONAL_GROUP_ATTRIBUTES, TEXT, centred, key
+from .layout import (
+    FIXED,
+    GROUP_ATTRIBUTES,
+    GROUPS,
+    OPTIONAL_GROUP_ATTRIBUTES,
+    TEXT,
+    centred,
+    key,
+    packing,
+    sigma_step_m,
+)
 from .model import CatalogParts
-from .packing import packing, sigma_step_m
 from .schema import COVERAGE_UNKNOWN, OPTIONAL, PACKED, SCHEMA_VERSION, universal
 
 CONVENTIONS = "CF-1.11"

@@ -1,14 +1,15 @@
-"""Datasets and attributes of the file by name, and the digest of its content; independent of HDF5."""
+"""Datasets and attributes of the file by name, and how claims are packed; independent of HDF5."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Float32
 from ..constants import MOON_RADIUS_M
 from ..geometry.map_plane import (
     EQUIRECTANGULAR,
@@ -17,7 +18,6 @@ from ..geometry.map_plane import (
     POLAR_STEREOGRAPHIC,
     MapPlane,
 )
-from .packing import packing
 from .schema import (
     COORDINATES,
     COVERAGE,
@@ -25,6 +25,7 @@ from .schema import (
     COVERAGE_MAP,
     COVERAGE_STATUS,
     COVERAGE_UNKNOWN,
+    DETECTION_STEP,
     FLAG_MASKS,
     FLAG_MEANINGS,
     LEVEL_FACTORS,
@@ -223,3 +224,63 @@ def _places(group: str, name: str, variable: Variable) -> dict[str, str]:
 def centred(count: int) -> NDArray[np.int32]:
     """Indices of a patch's nodes counted from its centre."""
     return np.arange(count, dtype=np.int32) - count // 2
+
+
+SIGMA_STEPS_PER_CELL = 1000
+"""Steps of a stored sigma in the smallest cell of a catalogue."""
+
+
+@dataclass(frozen=True)
+class Packing:
+    """Rule of one variable: value = number * ``step``; ``missing`` stands for NaN, ``largest`` for
+    itself and everything above.
+    """
+
+    dtype: str
+    step: float
+    largest: int
+    missing: int
+
+    def packed(self, values: ArrayLike) -> AnyArray:
+        """Whole numbers nearest to the values; NaN becomes ``missing``, negative values 0."""
+        array = np.asarray(values, dtype=np.float64)
+        with np.errstate(invalid="ignore"):
+            number = np.clip(np.rint(array / self.step), 0.0, self.largest)
+        return np.where(np.isnan(array), self.missing, number).astype(self.dtype)
+
+    def unpacked(self, numbers: AnyArray) -> Float32:
+        """Values as float32, NaN where missing."""
+        table = np.arange(self.missing + 1) * self.step
+        table[self.missing] = np.nan
+        return table.astype(np.float32)[numbers]
+
+    @property
+    def attributes(self) -> dict[str, np.generic]:
+        """CF attributes ``scale_factor`` and ``_FillValue``."""
+        return {
+            "scale_factor": np.float32(self.step),
+            "_FillValue": np.dtype(self.dtype).type(self.missing),
+        }
+
+
+def sigma_step_m(gsd_m: AnyArray) -> float:
+    """Step of the stored sigmas: a thousandth of the smallest cell, rounded to a float32."""
+    smallest = float(np.min(gsd_m)) if np.size(gsd_m) else 1.0
+    return float(np.float32(smallest / SIGMA_STEPS_PER_CELL))
+
+
+def packing(name: str, sigma_step_m: float) -> Packing:
+    """Rule of a variable of `schema.PACKED`."""
+    if name == "detection_probability":
+        return Packing("u1", DETECTION_STEP, 250, 255)
+    if name == "sigma_angle":
+        return Packing("u1", 1.0, 180, 255)
+    return Packing("u2", sigma_step_m, 65534, 65535)
+
+
+def axis_direction(angle_deg: ArrayLike) -> NDArray[np.float64]:
+    """Directions of an axis in whole degrees, 0..179."""
+    whole = np.array(np.rint(np.asarray(angle_deg, dtype=np.float64)) + 0.0)
+    outside = (whole < 0.0) | (whole >= 180.0)  # np.mod takes ten times as long for NaN
+    np.mod(whole, 180.0, out=whole, where=outside)
+    return whole

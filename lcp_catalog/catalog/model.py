@@ -174,7 +174,7 @@ class CoverageMap:
 @dataclass(frozen=True, eq=False)
 class Promise:
     """How many usable points a camera over any place of the region sees, and why not as many as
-    promised; v views, e elevations and a azimuths of `sun_cells.SunCells`.
+    promised; v views, e elevations and a azimuths of `prediction.SunCells`.
 
     A catalogue that joins cell sizes or regions has the promises of all its builds: q of them, whose places
     stand one promise after the other, and no curve against the number of points.
@@ -254,7 +254,7 @@ class ControlPoints:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointConditions:
     """What is claimed of each point by condition. The claims are rounded to the steps in which they are stored
-    (`packing`), and sigmas end at 65534 steps, which stands for everything above.
+    (`layout.packing`), and sigmas end at 65534 steps, which stands for everything above.
     """
 
     condition: AnyArray  # (n, v, e, a) uint8

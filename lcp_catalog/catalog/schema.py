@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Index
+from ..choices import LEVEL_RATIO
 
 SCHEMA_VERSION = "3.0"
 """Version of the files that are written and read."""
@@ -368,3 +369,14 @@ def summarise_usable(condition: ArrayLike, sun_elevation: ArrayLike) -> tuple[An
     highest = np.where(works, elevation, -np.inf).max(axis=2, initial=-np.inf)
     lowest[none] = highest[none] = np.nan
     return lowest, highest
+
+
+def levels(gsd_m: ArrayLike) -> Index:
+    """Level of each cell size (n,), metres: 0 for the finest, one more wherever the next larger size
+    exceeds the one before by more than `LEVEL_RATIO`.
+    """
+    sizes, back = np.unique(np.asarray(gsd_m, np.float64), return_inverse=True)
+    steps = np.concatenate(
+        [np.zeros(min(1, len(sizes)), bool), sizes[1:] > LEVEL_RATIO * sizes[:-1]]
+    )
+    return np.asarray(np.cumsum(steps)[back.reshape(-1)], np.int64)

@@ -22,9 +22,8 @@ from ..errors import CatalogError
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
 from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
-from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT
+from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT, packing
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray
-from .packing import packing
 from .schema import PACKED, Variable
 
 _TEXT_BYTES = 64

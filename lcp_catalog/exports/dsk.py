@@ -14,8 +14,7 @@ from ..errors import AreaError
 from ..geometry.bounds import enclosing_arc
 from ..geometry.frames import mcmf_to_lonlat
 from .frames import LunarFrame
-from .packages import package
-from .points import ExportedPoints
+from .points import ExportedPoints, package
 
 PLATES_MAX = 250_000
 """Most plates without a box: about 12 MB."""

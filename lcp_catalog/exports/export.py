@@ -76,7 +76,10 @@ def export(
         raise ConfigError(f"{output}: the ending must be one of {' '.join(EXPORTS)}")
     if sun_deg is not None and ending != ".lmk":
         raise ConfigError(f"{output}: a Sun lights .lmk maps only")
-    axes, box = frame_named(frame), None if bounds is None else Bounds(*bounds)
+    axes, box = frame_named(frame), None
+    if bounds is not None:
+        west, south, east, north = bounds
+        box = Bounds(west, south, east, north)
     with _aside(output, ending, overwrite) as path:
         points = ExportedPoints.chosen(opened_catalog(catalog), axes, box, level)
         _write(points, path, ending, box, sun_deg)
@@ -123,15 +126,15 @@ def _write(
 
             write_geopackage(points, path, box)
         case ".gcp":
-            from .ground_control import write_gcp
+            from .tables import write_gcp
 
             write_gcp(points, path)
         case ".lmk":
-            from .landmark_maps import write_landmark_maps
+            from .landmarks import write_landmark_maps
 
             write_landmark_maps(points, path, sun_deg)
         case ".spc":
-            from .spc import write_spc
+            from .landmarks import write_spc
 
             write_spc(points, path)
         case ".bds":

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from ..arrays import AnyArray, Array, Index
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import patch_nodes
 from ..catalog.schema import VARIABLES, evaluated, usable
-from ..errors import AreaError
+from ..errors import AreaError, MissingPackageError
 from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from .frames import LunarFrame
@@ -194,3 +195,14 @@ def cells(points: ExportedPoints, box: Bounds | None) -> dict[str, AnyArray]:
     turned = lonlat_to_mcmf(lon, lat) @ points.frame.from_me.T
     lon, lat, _ = mcmf_to_lonlat(turned)
     return {"longitude_deg": wrapped_deg(lon), "latitude_deg": lat, "status": status}
+
+
+def package(name: str, extra: str, wanted_for: str) -> Any:
+    """The module of a package. MissingPackageError, with the command that installs it, if it is not
+    installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        text = f"{wanted_for} needs the package {name.partition('.')[0]}: pip install 'lcp-catalog[{extra}]'"
+        raise MissingPackageError(text) from error

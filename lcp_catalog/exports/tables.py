@@ -1,12 +1,14 @@
-"""Tables of the points: CSV (RFC 4180) and Parquet."""
+"""Tables of the points: CSV (RFC 4180), Parquet, and ground control points of the Ames Stereo Pipeline (``.gcp``)."""
 
 from __future__ import annotations
 
 import csv
 from pathlib import Path
 
-from .packages import package
-from .points import Column, ExportedPoints, plain
+import numpy as np
+
+from ..constants import MOON_RADIUS_M
+from .points import Column, ExportedPoints, package, plain
 
 
 def write_csv(points: ExportedPoints, path: Path) -> None:
@@ -41,3 +43,37 @@ def write_parquet(points: ExportedPoints, path: Path) -> None:
     about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning}
     schema = arrow.schema(fields, metadata=about | {"body": "MOON"})
     parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), path)
+
+
+_WKT = (
+    'GEOGCS["{name}",DATUM["{name}",SPHEROID["Moon (2015) - Sphere",{radius:.0f},0]],'
+    'PRIMEM["Reference_Meridian",0],UNIT["degree",0.0174532925199433]]'
+)
+
+
+def write_gcp(points: ExportedPoints, path: Path) -> None:
+    """One line per point: number, latitude and longitude (degrees), height above the sphere (m), and
+    1 sigma along latitude, longitude and height (m), as ASP reads it if errors of ground control are
+    to be in longitude, latitude and height. Measures in images are left to the user.
+
+    The first line is the datum. Numbers count from 1, since ASP reads 32 bits; a comment gives the
+    ``point_id`` of each. A sigma that is unknown is the cell size: ASP demands a positive one.
+    """
+    across_m, along_m = (_positive(sigma, points) for sigma in points.sigma_m)
+    lon, lat = points.lonlat_deg
+    height_m = np.linalg.norm(points.position_m, axis=1) - MOON_RADIUS_M
+    wkt = _WKT.format(name=points.frame.name, radius=MOON_RADIUS_M)
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.write(f"# WKT: {wkt}\n")
+        file.write(f"# frame {points.frame.name}: {points.frame.meaning}\n")
+        file.write(
+            "# number latitude longitude height sigma_latitude sigma_longitude sigma_height\n"
+        )
+        for k, point_id in enumerate(points.point_id):
+            file.write(f"# number {k + 1}: point_id {point_id}\n")
+            place = f"{lat[k]:.9f} {lon[k]:.9f} {height_m[k]:.4f}"
+            file.write(f"{k + 1} {place} {across_m[k]:.3f} {across_m[k]:.3f} {along_m[k]:.3f}\n")
+
+
+def _positive(sigma_m: np.ndarray, points: ExportedPoints) -> np.ndarray:
+    return np.where(sigma_m > 0.0, sigma_m, points.gsd_m)

@@ -19,8 +19,7 @@ from ..catalog.schema import COVERAGE_STATUS
 from ..constants import FRAME
 from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import mcmf_to_lonlat
-from .packages import package
-from .points import ExportedPoints, cells, plain
+from .points import ExportedPoints, cells, package, plain
 
 _SIDE = 8
 """Most pieces of a footprint's side."""

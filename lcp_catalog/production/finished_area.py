@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
-from ..catalog.packing import axis_direction, packing, sigma_step_m
+from ..catalog.layout import axis_direction, packing, sigma_step_m
 from ..catalog.schema import (
     EVALUATED,
     LOCALIZABLE,
@@ -28,7 +28,7 @@ from ..catalog.schema import (
     VARIABLES,
     Cause,
 )
-from ..catalog.sun_cells import SunCells
+from ..catalog.prediction import SunCells
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig

@@ -19,14 +19,13 @@ import numpy as np
 from ..arrays import AnyArray, Array, Index
 from ..atomic_files import check_output, printable
 from ..catalog.catalogue import Catalog
-from ..catalog.cell_levels import levels
 from ..catalog.hdf5 import new_catalog, open_catalog
+from ..catalog.layout import packing
 from ..catalog.maps import overview_levels, usable_nearby
 from ..catalog.model import BLOCK_BYTES, Coverage, Overview, Promise
 from ..catalog.origins import Origin, merged_config, origins, united
-from ..catalog.packing import packing
 from ..catalog.promise import merged_promise
-from ..catalog.schema import PACKED, usable
+from ..catalog.schema import PACKED, levels, usable
 from ..catalog.stored import content_sha256
 from ..errors import CatalogError, ConfigError
 from ..geometry.bounds import enclosing_bounds, turned_deg
@@ -253,7 +252,7 @@ def merge_catalogs(
 ) -> MergeReport:
     """Join catalogues into one and write it to ``output``. Their order does not change it.
 
-    Of points with the same id one is kept, and of points of the same level (`cell_levels`) that are nearer to each other
+    Of points with the same id one is kept, and of points of the same level (`schema.levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
     one. Coverage and overview are joined (`MergedMaps`). What the builds promise (`Promise`) stays, less
     the points that are left out (`merged_promise`).

@@ -15,8 +15,8 @@ from helpers import catalogs
 
 from lcp_catalog.catalog import content, schema, summary
 from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
+from lcp_catalog.catalog.layout import packing, sigma_step_m
 from lcp_catalog.catalog.maps import usable_nearby
-from lcp_catalog.catalog.packing import packing, sigma_step_m
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.landmarks.selection import Places
 

@@ -14,10 +14,9 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog import comparison
-from lcp_catalog.catalog.cell_levels import levels
 from lcp_catalog.catalog.comparison import compare, compare_catalogs
 from lcp_catalog.catalog.hdf5 import Catalog, write_catalog
-from lcp_catalog.catalog.schema import summarise_usable
+from lcp_catalog.catalog.schema import levels, summarise_usable
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CatalogError

@@ -73,7 +73,7 @@ def test_a_missing_package_is_one_line(
             raise ImportError(module)
         return real(module, *more)
 
-    monkeypatch.setattr("lcp_catalog.exports.packages.import_module", without)
+    monkeypatch.setattr("lcp_catalog.exports.points.import_module", without)
     line = refusal(["export", catalog, "-o", str(tmp_path / f"o{ending}")], 1, capsys)
     assert f"{name}: pip install 'lcp-catalog[{extra}]'" in line
     assert list(tmp_path.iterdir()) == []
@@ -100,7 +100,7 @@ def test_a_failed_folder_leaves_the_former_one(
     def fail(*_) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("lcp_catalog.exports.spc.write_columns", fail)
+    monkeypatch.setattr("lcp_catalog.exports.landmarks.write_columns", fail)
     line = refusal(["export", catalog, "-o", str(folder), "--overwrite"], 1, capsys)
     assert "disk is full" in line
     assert sorted(path.name for path in folder.rglob("*")) == before

@@ -19,9 +19,8 @@ from helpers.landmark_readers import (
 
 from lcp_catalog.exports.dsk import write_dsk
 from lcp_catalog.exports.frames import frame_named
-from lcp_catalog.exports.landmark_maps import reflectance, write_landmark_maps
+from lcp_catalog.exports.landmarks import reflectance, write_landmark_maps, write_spc
 from lcp_catalog.exports.points import ExportedPoints
-from lcp_catalog.exports.spc import write_spc
 from lcp_catalog.geometry.frames import direction_enu
 
 PATCH = 9
@@ -129,13 +128,13 @@ def test_spc_sigmas_are_along_the_axes_of_the_frame(tmp_path: Path) -> None:
 
 def test_missing_heights_are_missing(tmp_path: Path) -> None:
     """Nodes without a height are NaN in a landmark map, height and albedo 0 in a maplet."""
-    from lcp_catalog.exports import spc
+    from lcp_catalog.exports import landmarks
 
     catalog = catalogs.catalog(2, PATCH)
     found = ExportedPoints.chosen(catalog, frame_named("MOON_ME"))
     dem = catalog.dem[0].copy()
     dem[0, 3] = np.nan
-    content = spc._maplet(found, 0, np.eye(3), np.zeros(3), dem, None)
+    content = landmarks._maplet(found, 0, np.eye(3), np.zeros(3), dem, None)
     (tmp_path / "a.MAP").write_bytes(content)
     maplet = read_spc_maplet(tmp_path / "a.MAP")
     assert np.argwhere(maplet["albedo"] == 0.0).tolist() == [[0, 3]]
@@ -199,6 +198,6 @@ def test_too_many_plates_need_a_box(points: ExportedPoints, tmp_path: Path, monk
 
 
 def test_spc_has_no_more_names_than_its_six_characters(points: ExportedPoints, tmp_path: Path, monkeypatch) -> None:  # fmt: skip
-    monkeypatch.setattr("lcp_catalog.exports.spc._NAMES", 6)
+    monkeypatch.setattr("lcp_catalog.exports.landmarks._NAMES", 6)
     with pytest.raises(OSError, match="6 landmarks at most"):
         write_spc(points, tmp_path)

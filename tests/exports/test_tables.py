@@ -13,9 +13,8 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.exports.frames import frame_named
-from lcp_catalog.exports.ground_control import write_gcp
 from lcp_catalog.exports.points import ExportedPoints
-from lcp_catalog.exports.tables import write_csv, write_parquet
+from lcp_catalog.exports.tables import write_csv, write_gcp, write_parquet
 from lcp_catalog.geometry.bounds import Bounds
 
 SPHERE = pyproj.Transformer.from_crs(
