@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.layout import axis_direction, packing, sigma_step_m
+from ..catalog.prediction import SunCells
 from ..catalog.schema import (
     EVALUATED,
     LOCALIZABLE,
@@ -28,7 +29,6 @@ from ..catalog.schema import (
     VARIABLES,
     Cause,
 )
-from ..catalog.prediction import SunCells
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig
