@@ -86,12 +86,20 @@ class Claims:
     @classmethod
     def pooled(cls, parts: Sequence[Claims]) -> Claims:
         """All points of several images together."""
-        names = [f.name for f in fields(cls) if f.name != "reason"]
         if not parts:
             return cls.none(reason="no image was searched")
-        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        tried = np.concatenate([part.tried for part in parts])
         reasons = dict.fromkeys(part.reason for part in parts if part.reason)
-        return cls(**arrays, reason="" if arrays["tried"].any() else "; ".join(reasons))
+        return cls(
+            np.concatenate([part.probability for part in parts]),
+            np.concatenate([part.usable for part in parts]),
+            np.concatenate([part.sigma_m for part in parts]),
+            np.concatenate([part.angle_deg for part in parts]),
+            tried,
+            np.concatenate([part.found for part in parts]),
+            np.concatenate([part.error_m for part in parts]),
+            "" if tried.any() else "; ".join(reasons),
+        )
 
     def __len__(self) -> int:
         return len(self.probability)
