@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +24,19 @@ from .sensor import Sensor, pixel_size_m
 _UP = np.array([0.0, 0.0, 1.0])
 
 
+class _ThroughImage:
+    """Base of views: the image that limits the visible terrain."""
+
+    camera: Camera | None = None
+
+    @property
+    def sensor(self) -> Camera | Scanner | None:
+        """The framing camera or scanner whose image limits the visible terrain."""
+        return self.camera
+
+
 @dataclass(frozen=True, eq=False)
-class ParallelView:
+class ParallelView(_ThroughImage):
     """The view of an area from infinity, in a direction (3,) of its ENU frame. ``camera`` limits the
     visible terrain to its image. CameraError for a direction that is not finite.
     """
@@ -35,11 +46,6 @@ class ParallelView:
 
     def __post_init__(self) -> None:
         _require_finite(self.direction)
-
-    @property
-    def sensor(self) -> Camera | None:
-        """The camera that limits the visible terrain."""
-        return self.camera
 
     def directions(self, points_m: Array) -> Array:
         """The direction for ENU points (..., 3)."""
@@ -51,7 +57,7 @@ class ParallelView:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraView:
+class CameraView(_ThroughImage):
     """The view of an area from a position (3,) in its ENU frame, metres. ``camera`` limits the visible
     terrain to its image. CameraError for a position that is not finite.
     """
@@ -61,11 +67,6 @@ class CameraView:
 
     def __post_init__(self) -> None:
         _require_finite(self.position_m)
-
-    @property
-    def sensor(self) -> Camera | None:
-        """The camera that limits the visible terrain."""
-        return self.camera
 
     def directions(self, points_m: Array) -> Array:
         """Unit directions (..., 3) from ENU points (..., 3) to the camera; up at the position of the
@@ -84,7 +85,7 @@ class CameraView:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingView:
+class MovingView(_ThroughImage):
     """The view of a sensor that moves during the exposure and whose image limits nothing, such as a map.
 
     ``direction`` (3,), that at the frame's origin, sets what is hidden; each point's own sets the
@@ -93,9 +94,6 @@ class MovingView:
 
     moving: Sensor
     frame: EnuFrame
-
-    camera: ClassVar[None] = None
-    sensor: ClassVar[None] = None
 
     @cached_property
     def direction(self) -> Array:
@@ -116,7 +114,7 @@ class MovingView:
 
 
 @dataclass(frozen=True, eq=False)
-class ScannerView:
+class ScannerView(_ThroughImage):
     """The view of a scanner, which sees every line from another position: each point has its own
     direction, for its brightness and for what is hidden. The image limits the visible terrain.
     """
@@ -124,11 +122,9 @@ class ScannerView:
     scanner: Scanner
     frame: EnuFrame
 
-    camera: ClassVar[None] = None
-
     @property
     def sensor(self) -> Scanner:
-        """The scanner, which limits the visible terrain."""
+        """The scanner."""
         return self.scanner
 
     @cached_property

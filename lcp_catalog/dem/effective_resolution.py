@@ -190,7 +190,7 @@ class Spectrum:
 
 
 def of_file(dem: Gridded) -> Resolution:
-    """Effective resolution of a DEM file, from its `effective_resolution`; estimated once in a process.
+    """Effective resolution of a DEM file, from its `sample_windows`; estimated once in a process.
 
     ``resolution_m`` is the posting, which ``how`` states, for a file of too few heights.
     """

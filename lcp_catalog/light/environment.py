@@ -170,7 +170,7 @@ class Environment:
         log.info("%s", found.sentence)
         if found.ratio.clipped and sun_sky_ratio == "auto":
             other = "found to keep it" if found.ratio.scaled else "RATIO to scale it"
-            log.warning("%s: %s (`environment` %s)", panorama.name, found.ratio.reason, other)
+            log.warning("%s: %s (`sun_sky_ratio` %s)", panorama.name, found.ratio.reason, other)
         return found
 
     @property

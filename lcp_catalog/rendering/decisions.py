@@ -179,7 +179,7 @@ def solar_disc(
     accuracy: Accuracy,
     point: str = "a point Sun",
 ) -> Decision:
-    """Decision between the Sun's disc and a point at its centre. ``sphere_renderer``: tangent of the lower
+    """Decision between the Sun's disc and a point at its centre. ``limb``: tangent of the lower
     limb's elevation; ``width_px``: width of the widest penumbra on level terrain
     (`error_bounds.penumbra_px`); ``point``: the source that is no disc.
 

@@ -124,23 +124,12 @@ def _parts(scanner: Scanner, deg_per_s: float) -> Sequence[Scanner]:
 
 
 @dataclass(frozen=True, eq=False)
-class HeightfieldScene:
-    """A scene of terrain: its heightfield, its light and the scene plan (protocol `Scene`)."""
+class HeightfieldScene(Scene):
+    """A scene of terrain."""
 
-    request: Request
     terrain: Terrain
-    light: Lighting
-    model: Reflectance
-    view: View
-    plan: ScenePlan
-    sources: tuple[Path, ...]
     moving: MovingSun | None = None
     """The light of the lines of a scanner."""
-
-    @property
-    def sun(self) -> Direction:
-        """Direction to the first source."""
-        return self.light.first.direction
 
     @property
     def frame(self) -> EnuFrame:
@@ -282,7 +271,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
     plan = replace(plan, others=(*plan.others, *others))
     files = _files(request, dems, choice.model)
     _log_scene(terrain, light, choice.model, plan)
-    return HeightfieldScene(request, terrain, light, choice.model, view, plan, files, moving)
+    return HeightfieldScene(request, light, choice.model, view, plan, files, terrain, moving)
 
 
 def _log_scene(terrain: Terrain, light: Lighting, model: Reflectance, plan: ScenePlan) -> None:

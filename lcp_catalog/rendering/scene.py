@@ -1,13 +1,14 @@
 """A scene: everything that one image needs, read and decided. `HeightfieldScene` (`pipeline`) and
-`SphereScene` (`sphere_pipeline`) have this protocol, so that a caller need not know the surface.
+`SphereScene` (`sphere_pipeline`) are its kinds, so that a caller need not know the surface.
 """
 
 from __future__ import annotations
 
 import logging
 import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -24,53 +25,47 @@ from .request import Request
 log = logging.getLogger(__name__)
 
 
-class Scene(Protocol):
-    """A request with its place, light, reflectance model, view and scene plan."""
+@dataclass(frozen=True, eq=False)
+class Scene(ABC):
+    """A request with its light, reflectance model, view and scene plan, in the axes of the area's frame.
+
+    ``plan``: the decisions that `expose` follows; ``sources``: every file that was read, except the
+    camera's.
+    """
+
+    request: Request
+    light: Lighting
+    model: Reflectance
+    view: View
+    plan: ScenePlan
+    sources: tuple[Path, ...]
 
     @property
-    def request(self) -> Request:
-        """The request that the scene was prepared for."""
+    def sun(self) -> Direction:
+        """Direction to the first source."""
+        return self.light.first.direction
 
     @property
+    @abstractmethod
     def frame(self) -> EnuFrame:
         """The area's frame; directions to light and camera are in its axes."""
 
     @property
-    def light(self) -> Lighting:
-        """All light sources."""
-
-    @property
-    def sun(self) -> Direction:
-        """ENU unit vector (3,) to the first source."""
-
-    @property
-    def model(self) -> Reflectance:
-        """The reflectance model."""
-
-    @property
-    def view(self) -> View:
-        """The view."""
-
-    @property
-    def plan(self) -> ScenePlan:
-        """The decisions that `expose` follows."""
-
-    @property
-    def sources(self) -> tuple[Path, ...]:
-        """Every file that was read, except the camera's."""
-
-    @property
+    @abstractmethod
     def gsd_m(self) -> float | None:
         """Cell size; None in the plane of a camera that needs no nodes."""
 
     @property
+    @abstractmethod
     def window(self) -> NodeWindow:
         """The rendered nodes, counted from the frame's origin; needs a cell size."""
 
     @property
+    @abstractmethod
     def corner_m(self) -> tuple[float, float]:
         """ENU x and y of the first (north-west) node; needs a cell size."""
 
+    @abstractmethod
     def expose(self) -> Rendering:
         """Render. CameraError if the camera sees nothing of the area, SunError if nothing is lit."""
 

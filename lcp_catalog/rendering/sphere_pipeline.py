@@ -4,29 +4,26 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from ..accuracy import TIERS
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
-from ..cameras.view import View
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..geometry import sphere_intersection
-from ..geometry.frames import Direction, EnuFrame, enu_rotation
+from ..geometry.frames import EnuFrame, enu_rotation
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
-from ..photometry.laws import Reflectance
 from ..terrain.area import NodeWindow
 from . import decisions
 from .decisions import Decision
 from .placement import SpherePlace, place_on_sphere
 from .plan import ScenePlan
 from .renderer import Rendering
-from .request import Extent, Request
-from .scene import require_visible
+from .request import Request
+from .scene import Scene, require_visible
 from .sphere_renderer import render_sphere_camera, render_sphere_enu, sphere_nodes
 
 _SAMPLES = 64
@@ -34,39 +31,33 @@ _SAMPLES = 64
 
 
 @dataclass(frozen=True, eq=False)
-class SphereScene:
-    """A scene on the plain sphere: its light and the scene plan (protocol `Scene`). ``gsd_m``: cell
-    size of the nodes; None in the plane of a given camera. ``extent_m``: the part of the sphere that
-    is rendered; None: all that the camera sees.
-    """
+class SphereScene(Scene):
+    """A scene on the plain sphere. Its place has no cell in the plane of a given camera."""
 
-    request: Request
-    frame: EnuFrame
-    light: Lighting
-    model: Reflectance
-    view: View
-    plan: ScenePlan
-    sources: tuple[Path, ...]
-    gsd_m: float | None
-    extent_m: Extent | None
+    place: SpherePlace
+
+    @property
+    def frame(self) -> EnuFrame:
+        """The area's frame."""
+        return self.place.frame
+
+    @property
+    def gsd_m(self) -> float | None:
+        """Cell size of the nodes."""
+        return self.place.gsd_m
 
     @property
     def window(self) -> NodeWindow:
         """The nodes, in the frame's plane."""
         assert self.gsd_m is not None
-        assert self.extent_m is not None
-        return NodeWindow.covering(self.extent_m, self.gsd_m)
+        assert self.place.extent_m is not None
+        return NodeWindow.covering(self.place.extent_m, self.gsd_m)
 
     @property
     def corner_m(self) -> tuple[float, float]:
         """ENU x and y of the first node."""
         assert self.gsd_m is not None
         return self.window.col0 * self.gsd_m, -self.window.row0 * self.gsd_m
-
-    @property
-    def sun(self) -> Direction:
-        """Direction to the first source."""
-        return self.light.first.direction
 
     def expose(self) -> Rendering:
         """Render. CameraError if the camera sees nothing of the sphere or is below it, SunError if
@@ -76,7 +67,12 @@ class SphereScene:
         model, albedo = self.model, self.request.albedo
         if self.request.in_camera_plane and camera is not None:
             result = render_sphere_camera(
-                self.frame, camera, self.light, model=model, albedo=albedo, extent_m=self.extent_m
+                self.frame,
+                camera,
+                self.light,
+                model=model,
+                albedo=albedo,
+                extent_m=self.place.extent_m,
             )
         else:
             assert self.gsd_m is not None
@@ -104,9 +100,7 @@ def prepare_sphere(request: Request) -> SphereScene:
     files = request.dems.files if request.dems else ()
     files += tuple(albedo.files) if albedo else ()
     files += (choice.model.file,) if choice.model.file else ()
-    return SphereScene(
-        request, frame, light, choice.model, view, plan, files, place.gsd_m, place.extent_m
-    )
+    return SphereScene(request, light, choice.model, view, plan, files, place)
 
 
 def _sample(request: Request, place: SpherePlace) -> tuple[Array, Array, Array]:
