@@ -58,7 +58,10 @@ def test_a_renamed_file_is_not_known(sample, caplog, tmp_path) -> None:
     warn_of_unknown(renamed, [3.0], [25.0])
     (line,) = said(caplog)
     assert line.startswith("renamed.tif: not recognised as a known product")
-    assert all(name in line for name in ("10 m", "--dem-sigma", "--dem-resolution", "[dem]"))
+    assert all(
+        name in line
+        for name in ("10 m", "height_sigma_m", "`dem.sigma_map`", "`dem.resolution_map`")
+    )
 
 
 def test_a_catalogue_without_points_says_why(tmp_path, caplog) -> None:
@@ -69,7 +72,7 @@ def test_a_catalogue_without_points_says_why(tmp_path, caplog) -> None:
     lines = [line for line in said(caplog) if "holds no point" in line]
     assert len(lines) == 1
     assert "c.h5: holds no point; cells by cause: " in lines[0]
-    assert "featureless, a finer --gsd" in lines[0]
+    assert "featureless, a finer `area.gsd_m`" in lines[0]
 
 
 def test_azimuths_that_the_sun_never_has_are_named(tmp_path, capsys) -> None:
@@ -77,4 +80,4 @@ def test_azimuths_that_the_sun_never_has_are_named(tmp_path, capsys) -> None:
     hills = write_dem(tmp_path / "d.tif", np.zeros((64, 64)), 30.0, 11.0)
     suns = ["--sun-azimuths", "45", "--sun-elevations", "45"]
     assert run(["build-catalog", hills, "-o", str(tmp_path / "c.h5"), *suns]) == 1
-    assert "give others of --sun-elevations or --sun-azimuths" in capsys.readouterr().err
+    assert "give other --sun-elevations or --sun-azimuths" in capsys.readouterr().err
