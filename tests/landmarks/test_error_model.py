@@ -224,8 +224,8 @@ def test_values_go_through_dictionaries_and_bad_ones_are_refused():
     assert ErrorModel.from_dict(other) == MODEL
     for name in MODEL.to_dict():
         for bad in (-0.1, math.inf, math.nan):
-            with pytest.raises(ConfigError, match=rf"errors\.{name} must be"):
+            with pytest.raises(ConfigError, match=rf"`errors\.{name}` must be"):
                 dataclasses.replace(MODEL, **{name: bad})
     for name in ("height_length_m", "albedo_length_m"):
-        with pytest.raises(ConfigError, match=rf"errors\.{name} must be above 0"):
+        with pytest.raises(ConfigError, match=rf"`errors\.{name}` must be above 0"):
             dataclasses.replace(MODEL, **{name: 0.0})
