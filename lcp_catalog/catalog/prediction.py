@@ -16,7 +16,7 @@ from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from .catalogue import Catalog
-from .schema import DETECTION_STEP, EVALUATED, UNOCCLUDED, UNSHADOWED, reaches
+from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
 
 VIEW_REACH_DEG = 10.0
 """Distance of a view from those of the catalogue up to which the claims of the nearest hold."""
@@ -64,11 +64,15 @@ class Prediction:
     """
 
     detection_probability: Array  # (n,)
-    usable: Mask  # (n,)
     sigma_major_m: Array  # (n,) 1-sigma on the ground along the major axis of the error ellipse
     sigma_minor_m: Array  # (n,)
     sigma_angle_deg: Array  # (n,) of the major axis, clockwise from north, 0..180
     cause: Index  # (n,) number in `CAUSES`; 0 for usable points and no others
+
+    @property
+    def usable(self) -> Mask:
+        """True for points that can be used, (n,)."""
+        return np.asarray(self.cause == 0)
 
     @property
     def covariance_m2(self) -> Array:
@@ -141,7 +145,7 @@ def predict(
     cause = found.cause
     for name, where in outside:  # the last one that holds is the first of `CAUSES`
         cause = np.where(where, CAUSES.index(name), cause)
-    return replace(found, usable=cause == 0, cause=cause)
+    return replace(found, cause=cause)
 
 
 def _between_elevations(catalog: Catalog, sun: Array) -> Mask:
@@ -160,7 +164,7 @@ def _elevation_deg(sun: Array) -> Array:
 def _none(count: int) -> Prediction:
     probability, major, minor, angle = (np.full(count, np.nan) for _ in range(4))
     cause = np.full(count, CAUSES.index("not evaluated"))
-    return Prediction(probability, np.zeros(count, bool), major, minor, angle, cause)
+    return Prediction(probability, major, minor, angle, cause)
 
 
 def _interpolated(
@@ -173,7 +177,7 @@ def _interpolated(
     flags = catalog.at("condition", rows, index[1:])
     given = {name: catalog.at(name, rows, index).astype(np.float64) for name in _NAMES}
     probability = given["detection_probability"]
-    known = ((flags & EVALUATED) > 0) & np.isfinite(probability) & (weight > _LEAST_WEIGHT)
+    known = np.isfinite(probability) & (weight > _LEAST_WEIGHT)
     whole = weight.sum(axis=1)
     weight = np.where(known, weight, 0.0)
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
@@ -198,7 +202,7 @@ def _interpolated(
     )
     columns = (np.where(enough, values, np.nan) for values in (_logistic(mean_logit), *ellipse))
     probability, major, minor, angle = columns
-    return Prediction(probability, cause == 0, major, minor, angle, cause)
+    return Prediction(probability, major, minor, angle, cause)
 
 
 _NAMES = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
@@ -237,7 +241,7 @@ def _mean_ellipse(
     """Log-Euclidean mean of error ellipses, (n,) each: the logarithm of a covariance matrix with
     axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear.
     """
-    weight = np.where(np.isfinite(major) & np.isfinite(minor) & np.isfinite(angle_deg), weight, 0.0)
+    weight = np.where(np.isfinite(major) & np.isfinite(angle_deg), weight, 0.0)
     tiny = np.finfo(np.float32).tiny
     log_a, log_b = (np.log(np.maximum(np.nan_to_num(v), tiny)) for v in (major, minor))
     double = np.radians(2.0 * np.nan_to_num(angle_deg))
@@ -298,7 +302,7 @@ def _directions_at(catalog: Catalog, view: Array, which: Index) -> _Weights:
     off = np.degrees(np.arctan2(np.hypot(view[:, 0], view[:, 1]), view[:, 2]))
     azimuth = np.degrees(np.arctan2(view[:, 0], view[:, 1]))
     corners, weights, away = ViewMesh.of(places).weights(view_plane(off, azimuth))
-    weights *= np.clip(1.0 - 0.5 * away / VIEW_REACH_DEG, 0.0, 1.0)[:, None]
+    weights *= (1.0 - 0.5 * away / VIEW_REACH_DEG)[:, None]
     weights[(away > VIEW_REACH_DEG) | (off >= 90.0)] = 0.0
     return _Weights(which[corners], weights)
 

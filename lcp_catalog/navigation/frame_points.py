@@ -112,7 +112,7 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
         unstated = ~np.isfinite(own.covariance_m2[usable]).all(axis=(1, 2))
         cause[usable[cut]] = CAUSES.index("edge")
         cause[usable[unstated]] = CAUSES.index("not evaluated")
-        own = replace(own, usable=cause == 0, cause=cause)
+        own = replace(own, cause=cause)
         yield FramePoints(one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own)
 
 

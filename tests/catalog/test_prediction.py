@@ -156,56 +156,64 @@ def test_only_evaluated_neighbours_count() -> None:
     assert not nothing.usable[0]
 
 
+def steady(count: int, **changed: np.ndarray) -> Catalog:
+    """A catalogue whose conditions are all usable, with the same claims, but for what is ``changed``."""
+    given = catalogs.arrays(count) | changed
+    grid = tuple(len(given[n]) for n in ("view_off_nadir", "sun_elevation", "sun_azimuth"))
+    same = {"detection_probability": 0.99, "sigma_major": 9.0, "sigma_minor": 3.0, "sigma_angle": 45.0}  # fmt: skip
+    given |= {name: np.full((count, 3, *grid), value) for name, value in same.items()}
+    given |= {"condition": np.full((count, *grid), 31, np.uint8)} | changed
+    lowest, highest = summarise_usable(given["condition"], given["sun_elevation"])
+    summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest}
+    return Catalog(**given | summed | {"coverage": catalogs.cells(count)})
+
+
+@pytest.mark.parametrize("names", [("sigma_major", "sigma_minor"), ("sigma_angle",)])
+def test_an_ellipse_that_is_not_known_leaves_the_mean_to_the_others(names: tuple[str, ...]) -> None:
+    whole = steady(1)
+    gaps = {name: getattr(whole, name).copy() for name in names}
+    for values in gaps.values():
+        values[:, :, :, 1, 1] = np.nan  # 10 and 15 degrees
+    gaps["condition"] = whole.condition.copy()
+    gaps["condition"][:, :, 1, 1] = 31 - UNSHADOWED
+    found = asked(steady(1, **gaps), [11.0, 12.0], [27.0, 24.0])
+    np.testing.assert_allclose(found.sigma_major_m, whole.sigma_major[0, 0, 0, 0, 0], rtol=1e-5)
+    np.testing.assert_allclose(found.sigma_minor_m, whole.sigma_minor[0, 0, 0, 0, 0], rtol=1e-5)
+    np.testing.assert_allclose(found.sigma_angle_deg, 45.0, atol=1e-4)
+
+
 def test_shadows_at_neighbours_with_much_weight_make_it_unusable() -> None:
     """Up to 0.3 of the weight may be shadowed."""
-    given = catalogs.arrays(2)
-    shape = given["detection_probability"].shape
-    condition = np.full(given["condition"].shape, 31, np.uint8)
+    condition = np.full((2, 3, 8, 24), 31, np.uint8)
     condition[0, 0, 2, 3] = 31 - 8
-    lowest, highest = summarise_usable(condition, given["sun_elevation"])
-    catalog = Catalog(
-        **given
-        | {
-            "condition": condition,
-            "sun_elevation_min": lowest,
-            "sun_elevation_max": highest,
-            "detection_probability": np.full(shape, 0.99),
-            "sigma_major": np.full(shape, 9.0),
-            "sigma_minor": np.full(shape, 3.0),
-            "sigma_angle": np.full(shape, 45.0),
-            "coverage": catalogs.cells(2),
-        }
-    )
-    # the shadowed condition: elevation 15, azimuth 45; its weights: 1, 0.36, 0.24, 0, 0.6, 0
-    elevation, azimuth = [15.0, 13.0, 12.0, 12.0, 17.0, 10.0], [45.0, 39.0, 54.0, 70.0, 45.0, 45.0]
+    catalog = steady(2, condition=condition)
+    # the shadowed condition: elevation 15, azimuth 45; its weights: 1, 0.36, 0.24, 0, 0.6, 0, 0.3, 0.31
+    elevation = [15.0, 13.0, 12.0, 12.0, 17.0, 10.0, 11.5, 11.55]
+    azimuth = [45.0, 39.0, 54.0, 70.0, 45.0, 45.0, 45.0, 45.0]
     found = asked(catalog, elevation, azimuth)
     np.testing.assert_allclose(found.detection_probability, 0.992, atol=1e-3)
-    assert found.usable.tolist() == [False, False, True, True, False, True]
+    assert found.usable.tolist() == [False, False, True, True, False, True, True, False]
     assert asked(catalog, 15.0, 45.0, point=1).usable.tolist() == [True]
+
+
+def test_what_is_shadowed_and_hidden_is_called_shadowed() -> None:
+    condition = np.full((1, 3, 8, 24), 31 - UNSHADOWED - UNOCCLUDED, np.uint8)
+    assert CAUSES[asked(steady(1, condition=condition), 15.0, 45.0).cause[0]] == "shadow"
 
 
 def test_between_the_angles_a_usable_point_needs_more() -> None:
     """A margin of half of 1 - (sum of squared weights): 0 at a grid angle, 0.375 logits amid four
     corners.
     """
-    given = catalogs.arrays(2)
-    shape = given["detection_probability"].shape
-    condition = np.full(given["condition"].shape, 31, np.uint8)
-    lowest, highest = summarise_usable(condition, given["sun_elevation"])
-    p = np.full(shape, 0.916)
-    p[1] = 0.96
-    rest = {n: np.full(shape, v) for n, v in (("sigma_major", 9.0), ("sigma_minor", 3.0), ("sigma_angle", 4.0))}  # fmt: skip
-    summed = {"sun_elevation_min": lowest, "sun_elevation_max": highest}
-    cells = {"coverage": catalogs.cells(2)}
-    catalog = Catalog(
-        **given | summed | cells | rest | {"condition": condition, "detection_probability": p}
-    )
+    p = np.full(steady(3).detection_probability.shape, 0.916)
+    p[1:] = np.array([0.96, 0.924]).reshape(2, 1, 1, 1, 1)
+    catalog = steady(3, detection_probability=p)
     azimuth = [45.0, 45.0, 52.5, 45.001]
-    for point, works in ((0, [True, False, False, True]), (1, [True, True, True, True])):
+    for point, works in ((0, [True, False, False, True]), (1, [True] * 4), (2, [True, True, False, True])):  # fmt: skip
         found = asked(catalog, [15.0, 12.5, 12.5, 15.0], azimuth, point=point)
         assert found.usable.tolist() == works
-        # logits 2.389 and 3.178, of 0.9 (0.898 as stored): 2.197 (2.175); margins 0, 0.25, 0.375, 0
-        np.testing.assert_allclose(found.detection_probability, [0.916, 0.96][point], atol=1e-6)
+        # logits 2.389, 3.178 and 2.498, of 0.9 (0.898 as stored): 2.197 (2.175); margins 0, 0.25, 0.375, 0
+        np.testing.assert_allclose(found.detection_probability, p[point, 0, 0, 0, 0], atol=1e-6)
 
 
 def test_beyond_the_evaluated_conditions_a_usable_point_needs_more_or_is_none() -> None:
@@ -252,32 +260,65 @@ def test_images_finer_than_the_cell_count_as_the_cell() -> None:
     assert fine.sigma_major_m[0] == own.sigma_major_m[0]
 
 
-def test_azimuths_that_do_not_go_round_end_half_a_step_beyond() -> None:
-    given = catalogs.arrays(1)
-    keep = slice(4, 9)  # 60 to 120
-    names = ("condition", "detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
-    cut = {n: given[n][..., keep] for n in names}
-    cut["condition"] = np.full_like(cut["condition"], 31)
-    for name, value in (
-        ("detection_probability", 0.99),
-        ("sigma_major", 2.0),
-        ("sigma_minor", 1.0),
-        ("sigma_angle", 9.0),
-    ):
-        cut[name] = np.full(cut[name].shape, value)
-    lowest, highest = summarise_usable(cut["condition"], given["sun_elevation"])
-    catalog = Catalog(
-        **given
-        | cut
-        | {
-            "sun_azimuth": given["sun_azimuth"][keep],
-            "sun_elevation_min": lowest,
-            "sun_elevation_max": highest,
-            "coverage": catalogs.cells(1),
-        }
-    )
-    found = asked(catalog, 30.0, [52.6, 52.4, 90.0, 127.4, 127.6, 270.0, 350.0])
-    assert np.isfinite(found.detection_probability).tolist() == [True, False, True, True, False, False, False]  # fmt: skip
+@pytest.mark.parametrize(
+    ("grid", "low", "high"),
+    [([20.0, 24.0, 40.0], 18.0, 48.0), ([20.0, 24.0], 18.0, 26.0), ([20.0], 15.0, 25.0), ([1.0, 6.0], 0.0, 8.5)],
+)  # fmt: skip
+def test_elevations_end_half_a_step_beyond(grid: list[float], low: float, high: float) -> None:
+    """A lone one holds over 10 degrees, and none below the horizon."""
+    catalog = steady(1, sun_elevation=np.array(grid))
+    found = asked(catalog, [low - 0.1, low + 0.1, high - 0.1, high + 0.1], 45.0)
+    assert np.isfinite(found.detection_probability).tolist() == [False, True, True, False]
+
+
+def test_beyond_the_grid_the_claims_of_its_end_hold() -> None:
+    catalog = everywhere()
+    for beyond, end in ((3.0, 5.0), (81.0, 75.0)):
+        found, expected = (asked(catalog, elevation, 45.0) for elevation in (beyond, end))
+        for name in ("detection_probability", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg"):
+            np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("grid", "low", "high"),
+    [
+        (np.arange(60.0, 121.0, 15.0), 52.5, 127.5),
+        ([300.0, 304.0, 330.0], 298.0, 343.0),
+        ([90.0, 94.0], 88.0, 96.0),
+        ([90.0], 85.0, 95.0),
+        (
+            [10.0, 50.0, 100.0, 150.0, 200.0, 280.0],
+            350.0,
+            320.0,
+        ),  # wide, but the gap is the widest step
+        ([10.0, 90.0, 140.0, 190.0, 240.0, 280.0], 330.0, 300.0),
+        ([0.0, 179.6], 270.2, 269.4),
+    ],
+)
+def test_azimuths_that_do_not_go_round_end_half_a_step_beyond(
+    grid: list[float], low: float, high: float
+) -> None:
+    catalog = steady(1, sun_azimuth=np.array(grid))
+    found = asked(catalog, 30.0, [low - 0.1, low + 0.1, grid[0], grid[-1], high - 0.1, high + 0.1])
+    assert np.isfinite(found.detection_probability).tolist() == [False, True, True, True, True, False]  # fmt: skip
+
+
+@pytest.mark.parametrize("grid", [np.arange(20.0, 360.0, 60.0), np.array([10.0, 190.0])])
+def test_azimuths_that_go_round_need_not_begin_in_the_north(grid: np.ndarray) -> None:
+    """Logits against numpy's periodic interpolation."""
+    p = np.linspace(0.92, 0.992, len(grid)) * np.ones((1, 3, 3, 8, 1))
+    catalog = steady(1, sun_azimuth=grid, detection_probability=p)
+    stored = logit(np.asarray(catalog.detection_probability[0, 0, 0, 0], np.float64))
+    at = np.arange(0.0, 360.0, 7.3)
+    expected = expit(np.interp(at, grid, stored, period=360.0))
+    np.testing.assert_allclose(asked(catalog, 30.0, at).detection_probability, expected, atol=1e-8)
+
+
+def test_a_camera_below_the_horizon_is_not_claimed() -> None:
+    catalog = steady(1, view_off_nadir=np.array([0.0, 30.0, 85.0]))  # the last towards 270
+    for off, known in ((89.5, True), (90.5, False)):
+        found = asked(catalog, 30.0, 45.0, view=direction_enu(270.0, 90.0 - off))
+        assert np.isfinite(found.detection_probability[0]) == known
 
 
 def test_a_catalogue_without_claims_predicts_nothing() -> None:
@@ -309,14 +350,24 @@ class TestViews:
         for place, far in zip(at[~inside][:20], away[~inside][:20], strict=True):
             assert far <= np.linalg.norm(mixes - place, axis=1).min() + 1e-9
 
-    def test_views_on_one_line(self) -> None:
-        """Straight down, and 30 deg to the east and to the west, as in the sample."""
-        mesh = ViewMesh.of(view_plane([0.0, 30.0, 30.0], [0.0, 90.0, 270.0]))
-        corners, weights, away = mesh.weights(view_plane([15.0, 9.0, 40.0], [90.0, 0.0, 270.0]))
-        dense = np.zeros((3, 3))
-        np.add.at(dense, (np.arange(3)[:, None], corners), weights)
-        np.testing.assert_allclose(dense, [[0.5, 0.5, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]], atol=1e-12)  # fmt: skip
-        np.testing.assert_allclose(away, [0.0, 9.0, 10.0], atol=1e-9)
+    @pytest.mark.parametrize("side", [0.1, 10.0])
+    def test_three_views_span_a_triangle_however_near(self, side: float) -> None:
+        mesh = ViewMesh.of(side * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        corners, weights, away = mesh.weights(side * np.array([[0.5, 0.25]]))
+        assert away[0] == 0.0
+        assert dict(zip(corners[0].tolist(), weights[0], strict=True)) == pytest.approx({0: 0.25, 1: 0.5, 2: 0.25})  # fmt: skip
+
+    @pytest.mark.parametrize("turn", [0.0, 90.0, 120.0])
+    def test_views_on_one_line(self, turn: float) -> None:
+        """Straight down, and 30 deg to one side and to the other, as in the sample."""
+        mesh = ViewMesh.of(view_plane([0.0, 30.0, 30.0], [0.0, turn, turn + 180.0]))
+        at = view_plane([15.0, 15.0, 9.0, 40.0], turn + np.array([0.0, 180.0, -90.0, 180.0]))
+        corners, weights, away = mesh.weights(at)
+        dense = np.zeros((4, 3))
+        np.add.at(dense, (np.arange(4)[:, None], corners), weights)
+        expected = [[0.5, 0.5, 0.0], [0.5, 0.0, 0.5], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        np.testing.assert_allclose(dense, expected, atol=1e-12)
+        np.testing.assert_allclose(away, [0.0, 0.0, 9.0, 10.0], atol=1e-9)
 
     def test_a_view_alone_and_four_on_a_circle(self) -> None:
         corners, weights, away = ViewMesh.of(view_plane([0.0], [0.0])).weights(view_plane([7.0], [33.0]))  # fmt: skip
@@ -417,3 +468,23 @@ def test_an_altitude_without_a_view_in_that_direction_leaves_it_to_the_others() 
     assert np.isfinite(found).all()
     np.testing.assert_allclose(found, found[-1], rtol=1e-12)
     assert np.isnan(seen_at(catalog, [15.0], 55.0)).all()  # 15 deg from all views
+
+
+def test_an_altitude_leaves_it_to_the_nearest_one_and_costs_no_margin() -> None:
+    """From 15 km straight down alone: 40 degrees off, the claims of 60 km hold, not those of infinity."""
+    p = np.full((1, 3, 3, 8, 24), 0.5)
+    p[:, :, 1] = 0.924  # from 60 km; just above the least one
+    views = {
+        "view_off_nadir": np.array([40.0, 40.0, 0.0]),
+        "view_azimuth": np.array([90.0, 90.0, 0.0]),
+        "view_altitude": np.array([np.inf, 60.0, 15.0]),
+    }
+    condition = np.full((1, 3, 8, 24), 31, np.uint8)
+    condition[:, [0, 2]] = 31 - 4
+    catalog = steady(1, detection_probability=p, condition=condition, **views)
+    for altitude in (10.0, 24.0):
+        found = predict(
+            catalog, [0], direction_enu(45.0, 30.0), direction_enu(90.0, 50.0), [catalogs.GSD_M], altitude
+        )  # fmt: skip
+        assert found.detection_probability[0] == pytest.approx(0.924, abs=1e-6)
+        assert found.usable[0]
