@@ -5,6 +5,7 @@ says so by its fixture.
 from __future__ import annotations
 
 import gc
+import json
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -87,6 +88,32 @@ def one_thread_in_a_worker() -> None:
         from lcp_catalog.threads import limit_threads
 
         limit_threads(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def checks_in_this_process() -> Iterator[None]:
+    """Files of catalogues are checked by a call here: the process of its own that a check has takes 0.3 s
+    to start, for a thousand files. Tests of damaged files ask for `checks_apart`.
+    """
+    from lcp_catalog.catalog import verification
+
+    def call_here(check: Callable[[str], object], path: str, _seconds: float) -> object:
+        return json.loads(json.dumps(check(path)))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verification, "call_apart", call_here)
+        yield
+
+
+@pytest.fixture
+def checks_apart() -> Iterator[None]:
+    """Each check of a catalogue's file has a process of its own, as for users: for files that may crash HDF5."""
+    from lcp_catalog.catalog import verification
+    from lcp_catalog.child_process import call_apart
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verification, "call_apart", call_apart)
+        yield
 
 
 @pytest.fixture(scope="module")

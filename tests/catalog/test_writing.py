@@ -30,7 +30,14 @@ def write_in_parts(catalog: Catalog, path: Path, sizes: list[int], **spoilt: Any
         file.finish(catalog.coverage)
 
 
-@pytest.mark.parametrize("sizes", [[300], [1, 298, 1], [60] * 5, [7] * 42 + [6]])
+@pytest.mark.parametrize(
+    "sizes",
+    [
+        *(pytest.param(many, marks=pytest.mark.slow) for many in ([300], [60] * 5)),
+        [1, 298, 1],
+        [7] * 42 + [6],
+    ],
+)
 def test_parts_of_any_size_give_the_same_catalogue(tmp_path: Path, sizes: list[int]) -> None:
     """Chunks of the larger variables hold fewer points than a part, and more."""
     found = catalogs.catalog(300)

@@ -164,17 +164,18 @@ def agrees_with_points(
     assert found.gap_km2 == pytest.approx(found.box_km2 - found.covered_km2, rel=1e-9, abs=1e-3)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=12)
 @given(files(), st.integers(0, 2**32 - 1))
 def test_areas_are_those_of_random_points(some: list, seed: int) -> None:
     agrees_with_points(some, seed)
 
 
-def test_polar_areas_are_within_the_stated_error() -> None:
+@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.slow)])
+def test_polar_areas_are_within_the_stated_error(count: int) -> None:
     """Rectangles of all shapes and places around the pole, narrow ones beside it and over it among them."""
     rng = np.random.default_rng(0)
     worst = 0.0
-    for _ in range(40):
+    for _ in range(count):
         left, bottom = (int(v) for v in rng.integers(-900, 600, 2))
         wide, high = (int(v) for v in rng.integers(30, 900, 2))
         found = covered(polar(left, bottom, wide, high, 1, float(rng.uniform(0.0, 360.0))))
@@ -186,8 +187,8 @@ def test_polar_areas_are_within_the_stated_error() -> None:
 def test_many_maps_turned_against_each_other() -> None:
     """Maps each with a central meridian of its own, so that every edge crosses many cells."""
     some = []
-    for k in range(10):
-        left, bottom = -500 + 97 * (k % 5), -350 + 171 * (k // 5)
+    for k in range(6):
+        left, bottom = -500 + 97 * (k % 3), -350 + 171 * (k // 3)
         edges = tuple(1000.0 * v for v in (left, bottom, left + 90, bottom + 170))
         some.append((polar(left, bottom, 90, 170, 1, 20.0 * k), NORTH.format(lon=20 * k), edges))
     agrees_with_points(some, 7)

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from lcp_cli.main import run
 
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.run import Build, BuildRun
@@ -57,6 +58,28 @@ def start(folder: Path, script: str, **variables: str) -> subprocess.Popen[str]:
     )
 
 
+def test_an_array_job_runs_what_gives_the_bytes_of_one_build(
+    shared_folder: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The programs write the arguments of `lcp` down, which are then run in this process."""
+    program = shared_folder / "bin" / "lcp"
+    program.write_text(
+        '#!/bin/sh\nfor word; do echo "$word" >> arguments; done; echo >> arguments\n'
+    )
+    array = {"SLURM_ARRAY_TASK_COUNT": "2", "SLURM_CPUS_PER_TASK": "1"}
+    for number in (1, 2):
+        task = start(shared_folder, "array_job.sh", SLURM_ARRAY_TASK_ID=str(number), **array)
+        assert task.communicate(timeout=120) == (None, "")
+    assert start(shared_folder, "array_merge.sh").communicate(timeout=120) == (None, "")
+    monkeypatch.chdir(shared_folder)
+    commands = (shared_folder / "arguments").read_text().split("\n\n")[:-1]
+    assert len(commands) == 3
+    for command in commands:
+        assert run(command.split("\n")) == 0
+    assert (shared_folder / "tile.h5").read_bytes() == whole
+
+
+@pytest.mark.slow
 def test_an_array_job_gives_the_bytes_of_one_build(shared_folder: Path, whole: bytes) -> None:
     """SLURM is a loop here, which starts all tasks at once."""
     array = {"SLURM_ARRAY_TASK_COUNT": "3", "SLURM_CPUS_PER_TASK": "1"}
@@ -74,6 +97,7 @@ def test_an_array_job_gives_the_bytes_of_one_build(shared_folder: Path, whole: b
     assert not (shared_folder / "tile.h5.parts").exists()
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_bytes_of_one_build(shared_folder: Path, whole: bytes) -> None:
     pytest.importorskip("distributed", reason="an extra: pip install 'lcp-catalog[cluster]'")
     done = subprocess.run(

@@ -96,19 +96,24 @@ def _gradients(corners: Array) -> tuple[Array, Array]:
     ) / det
 
 
-def node_margins(z: Array, ray: tuple[float, float, float]) -> Array:
-    """`blocking` of the parallel rays from all nodes; NaN at nodata."""
-    return _margins(z, lambda origins: np.broadcast_to(np.array(ray), origins.shape), FAR)
+Window = tuple[slice, slice]
+WHOLE: Window = (slice(None), slice(None))
 
 
-def node_margins_to(z: Array, camera: tuple[float, float, float]) -> Array:
-    """`blocking` of the segments from all nodes to a camera; NaN at nodata."""
-    return _margins(z, lambda origins: np.array(camera) - origins, 1.0)
+def node_margins(z: Array, ray: tuple[float, float, float], part: Window = WHOLE) -> Array:
+    """`blocking` of the parallel rays from all nodes of a part; NaN at nodata."""
+    return _margins(z, lambda origins: np.broadcast_to(np.array(ray), origins.shape), FAR, part)
 
 
-def _margins(z: Array, rays_from: Callable[[Array], Array], s_max: float) -> Array:
+def node_margins_to(z: Array, camera: tuple[float, float, float], part: Window = WHOLE) -> Array:
+    """`blocking` of the segments from all nodes of a part to a camera; NaN at nodata."""
+    return _margins(z, lambda origins: np.array(camera) - origins, 1.0, part)
+
+
+def _margins(z: Array, rays_from: Callable[[Array], Array], s_max: float, part: Window) -> Array:
     """Vertical rays touch their own node alone: blocked where they look down into a triangle's corner."""
-    corners, out, there = triangles(z), np.full(z.shape, np.nan), np.isfinite(z)
+    corners, out, there = triangles(z), np.full(z.shape, np.nan), np.zeros(z.shape, bool)
+    there[part] = np.isfinite(z[part])
     i, j = np.nonzero(there)
     origins = np.stack([j, i, z[there]], axis=1).astype(np.float64)
     rays = rays_from(origins)
@@ -117,7 +122,7 @@ def _margins(z: Array, rays_from: Callable[[Array], Array], s_max: float) -> Arr
         touches = (corners[:, :, :2] == origins[n, :2]).all(axis=2)
         margins[n] = math.inf if rays[n, 2] < 0 and touches.any() else -math.inf
     out[there] = margins
-    return out
+    return out[part]
 
 
 def textbook_hit(

@@ -163,7 +163,7 @@ def made_noise(errors: PatchErrors, model: ErrorModel, count: int, fine: int = 4
     pixels; and white noise of pixels.
     """
     rng, p = np.random.default_rng(3), errors.level.shape[1]
-    size, step = 4 * p * fine, CELL_M / fine
+    size, step = 2 * p * fine, CELL_M / fine  # repeats after twice the patch
     k = 2.0 * np.pi * np.fft.fftfreq(size, step)
     kx, ky = k[None, :], k[:, None]
 

@@ -13,10 +13,26 @@ from helpers.small_build import CONFIG, DEM
 from lcp_catalog.catalog.hdf5 import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, OutputError, OutputExistsError
 from lcp_catalog.production import run
-from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
+from lcp_catalog.production.area_job import AreaJob, AreaResult
+from lcp_catalog.production.area_job import run_area as computed_area
 from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.finished_area import finished_area
 from lcp_catalog.production.run import Build, BuildRun
+
+_RESULTS: dict[tuple[str, str], AreaResult] = {}
+
+
+def run_area(job: AreaJob) -> AreaResult:
+    """Areas of the same configuration and DEM are computed once for all builds of this module."""
+    key = job.task.name, job.recipe.config.to_toml()
+    if key not in _RESULTS:
+        _RESULTS[key] = computed_area(job)
+    return _RESULTS[key]
+
+
+@pytest.fixture(autouse=True)
+def areas_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run, "run_area", run_area)
 
 
 def test_a_broken_run_is_resumed(
@@ -166,7 +182,7 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
 
 @pytest.mark.parametrize("how", ["replaced", "changed", "removed", "after the areas", "touched"])
 def test_an_input_that_changes_while_the_build_runs_is_refused(
-    built: Path, tmp_path: Path, how: str
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
     """Between two areas, or when all are done; no area that may have read the new file is kept. The same
     content with another time is accepted.
@@ -199,10 +215,13 @@ def test_an_input_that_changes_while_the_build_runs_is_refused(
     if how == "touched":
         BuildRun(plan, output, progress=change).whole()
         return
+    if how != "after the areas":
+        monkeypatch.setattr(run, "run_area", computed_area)  # reads the file that was changed
     with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*`resume`"):
         BuildRun(plan, output, progress=change).whole()
     assert not output.exists()
     assert len(list((tmp_path / "x.h5.parts").glob("*.area"))) <= at
+    monkeypatch.setattr(run, "run_area", run_area)
     shutil.copy(DEM, dem)
     begun = []
     BuildRun(

@@ -94,6 +94,7 @@ def compiled() -> None:
         pool.submit(area_peak, Build.plan([DEM], CONFIG).jobs[0]).result()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled")
 def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> None:
     """One process that computes the areas too; the larger merges are measured by benchmarks/speed/merge.py."""
@@ -104,7 +105,7 @@ def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> 
 
 
 @pytest.mark.usefixtures("compiled")
-@pytest.mark.parametrize("cluster", [False, True])
+@pytest.mark.parametrize("cluster", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_plan_states_the_memory_of_a_worker(cluster: bool) -> None:
     """A cluster's workers import the package themselves."""
     jobs = Build.plan([DEM], CONFIG).jobs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,6 +17,9 @@ PIXEL_M = 100.0
 NODES = 25
 FINE = 4
 """Steps of the random fields in a pixel, so that a pixel is a mean of its square."""
+
+PERIOD = 192
+"""Steps after which the fields repeat: opposite edges of a patch are four lengths of brightness apart."""
 
 TRUE = ErrorModel(
     sensor_noise=0.05,
@@ -31,13 +35,13 @@ EAST, NORTH_EAST = (4.0, 0.0), (-2.0, 2.5)
 def field(dice: np.random.Generator, count: int, length_m: float) -> np.ndarray:
     """Gaussian fields (count, k, k) of variance 1 and autocorrelation exp(-r^2 / 2 l^2): white noise
     times the root of its spectrum, 2 pi l^2 exp(-(k l)^2 / 2), on steps of a quarter of a pixel. The
-    fields are cut from periodic ones of 256 steps.
+    fields are cut from periodic ones of `PERIOD` steps.
     """
     step = PIXEL_M / FINE
-    k = 2.0 * np.pi * np.fft.fftfreq(256, step)
-    power = 2.0 * np.pi * length_m**2 * np.exp(-0.5 * (k[:, None] ** 2 + k**2) * length_m**2)
-    white = np.fft.fft2(dice.normal(size=(count, 256, 256)))
-    return np.fft.ifft2(white * np.sqrt(power) / step).real[:, : NODES * FINE, : NODES * FINE]
+    ky, kx = (2.0 * np.pi * to(PERIOD, step) for to in (np.fft.fftfreq, np.fft.rfftfreq))
+    power = 2.0 * np.pi * length_m**2 * np.exp(-0.5 * (ky[:, None] ** 2 + kx**2) * length_m**2)
+    white = np.fft.rfft2(dice.normal(size=(count, PERIOD, PERIOD)))
+    return np.fft.irfft2(white * np.sqrt(power) / step)[:, : NODES * FINE, : NODES * FINE]
 
 
 def blocks(values: np.ndarray) -> np.ndarray:
@@ -45,6 +49,7 @@ def blocks(values: np.ndarray) -> np.ndarray:
     return values.reshape(len(values), NODES, FINE, NODES, FINE).mean(axis=(2, 4))
 
 
+@cache
 def residuals(
     seed: int, sun: tuple[float, float], model: ErrorModel = TRUE, count: int = 40
 ) -> Residuals:
