@@ -201,7 +201,7 @@ class _Table:
     def score(self, agrees: Mask) -> float:
         """log10 of the number of false alarms."""
         area = math.pi * GATE**2 * np.sqrt(np.linalg.det(self.covariance))
-        chance = np.minimum(1.0, area / (2.0 * self.reach + 1.0) ** 2)
+        chance = area / (2.0 * self.reach + 1.0) ** 2
         share = independent_share(self.found[agrees], self.width)
         return log10_false_alarms(chance, agrees, self.minimal, share)
 

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import central_angle_deg
 from lcp_catalog.landmarks.selection import (
+    Nearby,
     Places,
     Status,
     coverage,
     nearest,
     select,
     stable_id,
+    within,
 )
 
 KM = 1000.0
@@ -135,9 +137,21 @@ def test_candidates_that_are_never_chosen():
     assert (
         select(at([0.0, 180.0], [0.0, 0.0]), [1, 1], [0.0, 0.0], 6e6).size == 1
     )  # wider than the Moon
-    for bad in (0.0, -1.0, np.nan):
+    for spacing, fill in ((0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, 0.0), (1.0, 1.1)):
         with pytest.raises(ValueError, match="spacing"):
-            select(at([1.0], [0.0]), [1], [0.0], bad)
+            select(at([1.0], [0.0]), [1], [0.0], spacing, fill)
+
+
+def test_a_spacing_of_more_than_a_third_of_the_circumference():
+    places = at([0.0, 140.0], [0.0, 0.0])
+    for spacing_deg, count in ((135.0, 2), (145.0, 1)):
+        assert select(places, [1, 1], [0.0, 0.0], spacing_deg * DEG_M).size == count
+
+
+@pytest.mark.parametrize(("lon", "chosen"), [([370.0001, 10.0002], 0), ([370.0002, 10.0001], 1)])
+def test_of_equals_with_one_id_the_western_one_is_chosen(lon, chosen):
+    assert len(set(stable_id(lon, [0.0005, 0.0005]))) == 1
+    assert select(at(lon, [0.0005, 0.0005]), [1, 1], [0.0, 0.0], 1.0).tolist() == [chosen]
 
 
 def id_to_lonlat(number):
@@ -199,7 +213,36 @@ def test_nearest_is_that_of_brute_force():
     every = distance_m(lon[:, None], lat[:, None], to_lon, to_lat)
     np.testing.assert_allclose(away, every.min(axis=1), atol=1e-3)
     assert index.tolist() == every.argmin(axis=1).tolist()
-    assert nearest(Places(lon, lat), at([], []))[1].tolist() == [np.inf] * 80
+    index, away = nearest(Places(lon, lat), at([], []))
+    assert (index.tolist(), away.tolist()) == ([-1] * 80, [np.inf] * 80)
+
+
+def test_pairs_within_a_distance_are_those_of_brute_force():
+    lon, lat, rng = scattered(5, 150, (130.0, 80.0))
+    points = at(lon[:60], lat[:60])
+    others = at(lon[60:] + rng.integers(-1, 2, 90) * 360.0, lat[60:])
+    away = distance_m(
+        others.lon_deg[:, None], others.lat_deg[:, None], points.lon_deg, points.lat_deg
+    )
+    near = away <= 12.0 * KM  # (other, point)
+    cell, point = within(others, points, 12.0 * KM)
+    assert (np.diff(point) >= 0).all()
+    assert sorted(zip(cell, point, strict=True)) == sorted(zip(*np.nonzero(near), strict=True))
+    first, found = Nearby(points).around(others, 12.0 * KM)
+    np.testing.assert_array_equal(first, [0, *np.cumsum(near.sum(axis=1))])
+    np.testing.assert_array_equal(found, np.nonzero(near)[1])
+    assert 0 < near.sum() < near.size
+    assert near.any(axis=0).min() < near.sum(axis=0).max()
+
+
+def test_without_places_nothing_is_near():
+    none, some = at([], []), at([10.0, 10.01], [5.0, 5.0])
+    for cells, points in ((none, some), (some, none), (none, none)):
+        assert [len(found) for found in within(cells, points, KM)] == [0, 0]
+    for others, starts in ((none, [0]), (at([50.0], [5.0]), [0, 0])):
+        first, found = Nearby(some).around(others, KM)
+        assert (first.tolist(), found.tolist()) == (starts, [])
+        assert np.issubdtype(found.dtype, np.integer)
 
 
 def test_the_status_of_a_cell_gives_the_reason_why_it_is_empty():
