@@ -16,6 +16,7 @@ from lcp_catalog.matching.consensus import (
     SIGNIFICANT,
     Consensus,
     agree,
+    agreeing,
     independent_share,
     log10_false_alarms,
 )
@@ -108,6 +109,24 @@ def test_what_shares_its_ground_counts_once() -> None:
 
 
 # -- agreement
+
+
+def test_a_match_agrees_within_three_sigmas_of_its_own_covariance_and_the_tolerance() -> None:
+    """Sigmas of 3 px along the columns and 1 px along the rows; a tolerance of 4 px widens the gate
+    along the rows from 3 to 5 px.
+    """
+    sensor = camera()
+    points = ground(sensor, 8, np.random.default_rng(2))
+    off = np.array([[8.9, 0.0], [9.1, 0.0], [0.0, -2.9], [0.0, 3.1], [7.0, 2.5], [np.nan, 0.0], *np.zeros((2, 2))])  # fmt: skip
+    covariance = np.tile(np.diag([9.0, 1.0]), (8, 1, 1))
+    covariance[6] = np.nan
+    found = sensor.project(points) + off
+    seen = agreeing(sensor, points, found, covariance, 0.0)
+    assert seen.tolist() == [True, False, True, False, False, False, False, True]
+    seen = agreeing(
+        sensor, points, found, covariance, np.r_[0.0, 0.0, 0.0, 4.0, 4.0, 4.0, 4.0, 4.0]
+    )
+    assert seen.tolist() == [True, False, True, True, True, False, False, True]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 75))
