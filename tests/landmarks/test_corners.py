@@ -136,6 +136,20 @@ def test_the_score_is_a_mean_over_all_conditions():
     assert 0.0 <= once.score().min() <= once.score().max() <= 1.0
 
 
+def test_the_score_of_a_part_is_that_of_the_whole_there():
+    whole, part = Persistence((96, 96)), Persistence((96, 96), np.s_[20:60, 30:80])
+    for seed in (5, 6):
+        one = Persistence((96, 96), part.part)
+        one.add(noise(seed))
+        part.include(one)
+        whole.add(noise(seed))
+    outside = np.ones((96, 96), bool)
+    outside[20:60, 30:80] = False
+    np.testing.assert_array_equal(part.score(), np.where(outside, 0.0, whole.score()))
+    assert part.conditions == 2
+    assert part.score().max() > 0.1
+
+
 def test_candidates_are_found_where_they_are():
     score = bumps([(30, 40), (60, 25)], level=0.0)
     rows, cols = candidates(score, spacing_px=32, per_cell=1, border=8)
@@ -240,6 +254,17 @@ def test_what_stands_out_in_a_group_is_a_candidate_besides():
     assert alone.tolist() == [[20, 20], [40, 40]]
 
 
+def test_a_neighbour_of_a_candidate_is_none_of_a_group():
+    """Neighbours: within an eighth of the spacing, 7 nodes, in both axes."""
+    mean, group = np.zeros((2, 60, 60), np.float32)
+    mean[20, 20] = 0.5
+    for place, taken in (((20, 28), True), ((28, 20), True), ((27, 13), False), ((13, 20), False)):
+        group[:] = 0.0
+        group[place] = 0.9
+        found = np.stack(candidates_of_groups(mean, [group], 60, 1, 5), axis=1).tolist()
+        assert ([*place] in found) == taken
+
+
 def test_a_cell_has_no_more_candidates_than_its_limit():
     """Each group has a place of its own in every cell of 20 nodes; cells are counted from the origin."""
     mean = np.zeros((60, 60), np.float32)
@@ -263,3 +288,22 @@ def test_groups_without_places_of_their_own_change_nothing():
     score = np.random.default_rng(3).random((80, 80)).astype(np.float32)
     plain = candidates(score, 16, 2, 4)
     np.testing.assert_array_equal(candidates_of_groups(score, [score, score], 16, 2, 4), plain)
+
+
+def test_groups_are_of_valid_nodes_and_of_the_cells_of_the_fixed_grid():
+    """The same in a cut of the images, where cells are counted from the whole one's origin."""
+    dice = np.random.default_rng(4)
+    mean, *groups = dice.random((3, 120, 120)).astype(np.float32)
+    valid = dice.random((120, 120)) < 0.5
+    rows, cols = candidates_of_groups(mean, groups, 16, 1, 8, valid)
+    assert valid[rows, cols].all()
+    part = np.s_[13:, 21:]
+    cut = candidates_of_groups(
+        mean[part], [g[part] for g in groups], 16, 1, 8, valid[part], (13, 21)
+    )
+    inner = (rows >= 48) & (cols >= 48)  # cells that lie in the cut
+    own = (cut[0] + 13 >= 48) & (cut[1] + 21 >= 48)
+    np.testing.assert_array_equal(cut[0][own] + 13, rows[inner])
+    np.testing.assert_array_equal(cut[1][own] + 21, cols[inner])
+    plain = candidates(mean, 16, 1, 8, valid)
+    assert len(rows) > len(plain[0])
