@@ -254,11 +254,22 @@ def test_what_stands_out_in_a_group_is_a_candidate_besides():
     assert alone.tolist() == [[20, 20], [40, 40]]
 
 
+@pytest.mark.parametrize(
+    ("spacing", "radius"), [(7, 1), (8, 1), (15, 1), (16, 2), (71, 8), (72, 9)]
+)
+def test_maxima_are_an_eighth_of_the_spacing_apart(spacing, radius):
+    for apart, count in ((radius, 1), (radius + 1, 2)):
+        score = np.zeros((60, 60), np.float32)
+        score[30, 30], score[30, 30 + apart] = 0.6, 0.5
+        assert len(candidates(score, spacing, 2, 5, origin=(0, -30))[0]) == count
+
+
 def test_a_neighbour_of_a_candidate_is_none_of_a_group():
     """Neighbours: within an eighth of the spacing, 7 nodes, in both axes."""
     mean, group = np.zeros((2, 60, 60), np.float32)
     mean[20, 20] = 0.5
-    for place, taken in (((20, 28), True), ((28, 20), True), ((27, 13), False), ((13, 20), False)):
+    outside = [(20, 28), (20, 12), (28, 20), (12, 20)]
+    for place, taken in [*((p, True) for p in outside), ((27, 13), False), ((13, 27), False)]:
         group[:] = 0.0
         group[place] = 0.9
         found = np.stack(candidates_of_groups(mean, [group], 60, 1, 5), axis=1).tolist()
