@@ -36,6 +36,9 @@ def collected(
             own = {name: given.pop(name) for name in taken if name in given}
             return command(**given, **{into: make(**own)})
 
-        return option_group(*options)(call)
+        made: Command = call
+        for option in reversed(options):
+            made = option(made)
+        return made
 
     return decorate

@@ -58,7 +58,9 @@ class Meaning:
 
 
 def meant(value: Any, text: str, **facts: Any) -> Any:
-    """A field of a dataclass with the default ``value`` and a `Meaning`."""
+    """A field of a dataclass with the default ``value`` and the `Meaning` of ``text`` and ``facts``, which
+    are its fields.
+    """
     return dataclasses.field(default=value, metadata={"meaning": Meaning(text, **facts)})
 
 

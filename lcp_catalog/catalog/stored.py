@@ -159,7 +159,9 @@ class FileSource:
         return array
 
     def part(self, kind: type[Any], group: str) -> Any:
-        """The part of the model in a group; None for a group that the file is without."""
+        """The part of the model in a group; None for a group that the file is without. The schema's names
+        of variables and attributes are the fields.
+        """
         arrays = self.arrays(kind, group)
         return kind(**arrays, **self.groups.get(group, {})) if arrays else None
 
@@ -186,7 +188,7 @@ def stored_catalog(stored: StoredFile) -> Catalog:
     stated = {name: source.attributes[name] for name in _TEXTS}
     levels = (source.part(Overview, group) for group in LEVELS)
     return Catalog(
-        **source.arrays(Catalog, ""),
+        **source.arrays(Catalog, ""),  # the schema's names are the fields
         **stated,
         **{name: json.loads(source.attributes.get(name, "null")) for name in _DOCUMENTS},
         sigma_step_m=source.attributes["sigma_step_m"],

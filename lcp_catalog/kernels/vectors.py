@@ -158,7 +158,7 @@ def transpose(
         half = LANES // 2
         for _ in range(LANES.bit_length() - 1):  # so many perfect shuffles are a transposition
             pairs = [(rows[k], rows[k + half]) for k in range(half)]
-            rows = [_interleaved(builder, *pair, first) for pair in pairs for first in (0, half)]
+            rows = [_interleaved(builder, a, b, first) for a, b in pairs for first in (0, half)]
         for k, row in enumerate(rows):
             at = builder.add(place, context.get_constant(types.intp, k * LANES))
             types_ = (sig.args[4], types.intp)
@@ -206,12 +206,13 @@ def _selected(comparison: str) -> Any:
     """The code of `larger` and `smaller`."""
 
     def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
-        return builder.select(builder.fcmp_ordered(comparison, *values), *values)
+        one, other = values
+        return builder.select(builder.fcmp_ordered(comparison, one, other), one, other)
 
     return code
 
 
-def _of_library(builder: Any, name: str, *values: Any) -> Any:
+def _of_library(builder: Any, name: str, values: Any) -> Any:
     """The result of one of LLVM's functions of vectors."""
     form = ir.FunctionType(_VECTOR, [_VECTOR] * len(values))
     name = f"llvm.{name}.v{LANES}f32"
@@ -223,7 +224,7 @@ def magnitude(_context: Any, _vector: Any) -> Any:
     """The absolute values of a vector's numbers."""
 
     def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
-        return _of_library(builder, "fabs", *values)
+        return _of_library(builder, "fabs", values)
 
     return vector(vector), code
 
@@ -233,7 +234,7 @@ def rounded(_context: Any, _vector: Any) -> Any:
     """A vector's numbers, rounded to whole ones."""
 
     def code(_: Any, builder: Any, _sig: Any, values: Any) -> Any:
-        return _of_library(builder, "rint", *values)
+        return _of_library(builder, "rint", values)
 
     return vector(vector), code
 

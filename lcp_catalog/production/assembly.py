@@ -132,7 +132,7 @@ class Assembly:
         }
         columns |= {name: empty[name].astype(np.float32) for name in PACKED}
         return Catalog(
-            **columns,
+            **columns,  # by the schema's names, which are the fields of the model
             image_scale=np.array(image_scales(config.points.patch_nodes), dtype=np.float64),
             sun_azimuth=np.array(sun.azimuths_deg),
             sun_elevation=np.array(sun.elevations_deg),

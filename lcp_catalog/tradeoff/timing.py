@@ -109,12 +109,11 @@ class Runs:
 
 def _joined(parts: list[Any]) -> Any:
     """Concatenate dataclasses of arrays of the same type."""
-    kind = type(parts[0])
-    columns = {}
-    for field_ in dataclasses.fields(kind):
+    columns: dict[str, Any] = {}
+    for field_ in dataclasses.fields(parts[0]):
         values = [getattr(part, field_.name) for part in parts]
         nested = dataclasses.is_dataclass(values[0])
         columns[field_.name] = (
             None if values[0] is None else _joined(values) if nested else np.concatenate(values)
         )
-    return kind(**columns)
+    return dataclasses.replace(parts[0], **columns)

@@ -278,5 +278,10 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     ou, ov = on_grid(ou, ov)
     for k in prange(out.size):
         east, north, up = directions[k, 0], directions[k, 1], directions[k, 2]
-        ray = approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd)
-        out[k] = hit_from(z, holes, pyramid, summit, oz, math.inf, *ray)
+        du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height = approach(
+            rows, cols, summit, ou, ov, oz, east, north, up, gsd
+        )
+        out[k] = hit_from(
+            z, holes, pyramid, summit, oz, math.inf,
+            du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
+        )  # fmt: skip

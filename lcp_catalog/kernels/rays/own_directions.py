@@ -45,5 +45,10 @@ def first_hits(z, holes, pyramid, summit, origins, gsd, directions, out):
         oz = origins[i, 2]
         for j in range(out.shape[1]):
             east, north, up = directions[i, j]
-            ray = approach(z.shape[0], z.shape[1], summit, ou, ov, oz, east, north, up, gsd)
-            out[i, j] = hit_from(z, holes, pyramid, summit, oz, math.inf, *ray)
+            du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height = approach(
+                z.shape[0], z.shape[1], summit, ou, ov, oz, east, north, up, gsd
+            )
+            out[i, j] = hit_from(
+                z, holes, pyramid, summit, oz, math.inf,
+                du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
+            )  # fmt: skip

@@ -191,7 +191,7 @@ def draft(
     per row; slopes (s,): metres per cell of length; stride: rows after which heights are rebased;
     top: the first row that can cast a shadow.
     """
-    first, last = line_range(shear, *window)
+    first, last = line_range(shear, window)
     for block in prange((last - first + LINES - 1) // LINES):
         line0 = first + block * LINES
         line1 = min(last, line0 + LINES)

@@ -227,7 +227,7 @@ def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stenc
     without that, since a ray may leave the raster there. unlike: True if ``sure`` differs from z,
     or the stencils differ.
     """
-    first, last = line_range(sun[0], *window)
+    first, last = line_range(sun[0], window)
     for block in prange((last - first + LINES - 1) // LINES):
         line0 = first + block * LINES
         _bound_lines(

@@ -88,8 +88,9 @@ def strip_of(shear, r, density):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def line_range(shear, row0, row1, col0, col1):
-    """Half-open range of b of the lines beside a window's nodes."""
+def line_range(shear, window):
+    """Half-open range of b of the lines beside the nodes of a window (row0, row1, col0, col1)."""
+    row0, row1, col0, col1 = window
     a, b = math.floor(-shear * row0), math.floor(-shear * (row1 - 1))
     return col0 + min(a, b), col1 + max(a, b)
 

@@ -67,7 +67,7 @@ def awake(gradients, transpose, flip, shape, shear, slope, reach, top, window, w
     shape: of the turned raster; slope: metres per cell by which the lowest rays climb; reach: rows
     after which they are above all terrain; blocks are counted from the window's first line.
     """
-    first, last = line_range(shear, *window)
+    first, last = line_range(shear, window)
     blocks, stretches = (last - first + width - 1) // width, (shape[0] + TILE - 1) // TILE
     out = np.zeros((blocks, stretches), np.bool_)
     for block in range(blocks):
