@@ -5,14 +5,14 @@ from __future__ import annotations
 import click
 import pytest
 from click.testing import CliRunner
-from lcp_cli.options import model_options
+from lcp_cli.build_options import model_options
 from lcp_cli.value_types import LAW
 
 
 @click.command()
 @model_options
-def command(reflectance, **_):
-    click.echo(f"law {reflectance}")
+def command(model):
+    click.echo(f"law {model.reflectance}")
 
 
 def run(*arguments):
