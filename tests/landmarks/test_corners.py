@@ -19,6 +19,7 @@ from lcp_catalog.landmarks.corners import (
     fill_missing,
     harris,
     relative_response,
+    robust_contrast,
 )
 
 
@@ -89,6 +90,30 @@ def test_a_gap_has_no_response_and_makes_no_corner_beside_it():
 def test_an_image_without_light_or_contrast_has_no_corners():
     for image in (np.zeros((30, 30)), np.ones((30, 30)), np.full((30, 30), np.nan)):
         assert (np.nan_to_num(relative_response(image.astype(np.float32))) == 0.0).all()
+
+
+def test_the_contrast_may_be_given_and_is_nothing_in_the_dark():
+    image = noise(3)
+    given, own = harris(image, 0.5), harris(image)
+    np.testing.assert_allclose(given * (0.5 / robust_contrast(image)) ** 4, own, rtol=1e-3, atol=1e-4)
+    assert robust_contrast(np.zeros((9, 9), np.float32)) == 0.0
+
+
+def test_a_straight_edge_alone_has_no_relative_response():
+    """Its response is below 0 (Harris and Stephens 1988)."""
+    image = np.full((64, 64), 0.2, np.float32)
+    image[:, 32:] = 0.6
+    assert np.nanmin(harris(image, 0.2)) < 0.0
+    response = relative_response(image)
+    assert (response[np.isfinite(response)] == 0.0).all()
+
+
+def test_one_known_node_in_the_box_fills_the_others():
+    image = np.full((9, 9), np.nan, np.float32)
+    image[2, 2], image[8, 8] = 0.75, 0.25
+    filled = fill_missing(image, 3)
+    np.testing.assert_array_equal(filled[1:4, 1:4], 0.75)
+    assert filled[5, 5] == 0.5  # nothing is known around it: the mean of the whole
 
 
 def test_missing_nodes_are_filled_with_what_is_around_them():

@@ -13,8 +13,10 @@ from scipy.special import bdtrc, gammaln
 
 from lcp_catalog.cameras.sensor import Sensor, Uncertainty
 from lcp_catalog.matching.consensus import (
+    GATE,
     SIGNIFICANT,
     Consensus,
+    _Linear,
     agree,
     agreeing,
     independent_share,
@@ -109,6 +111,38 @@ def test_what_shares_its_ground_counts_once() -> None:
 
 
 # -- agreement
+
+
+def test_corrections_of_a_set_are_least_squares_with_the_prior() -> None:
+    """Against numpy's least squares of the whitened matches and of the prior of one sigma; the gain of
+    a correction is what its squared distances leave of the gate.
+    """
+    dice = np.random.default_rng(3)
+    slope, offset = dice.normal(size=(7, 2, 4)), dice.normal(size=(7, 2))
+    roots = np.linalg.cholesky(covariances(7, dice))
+    inverse = np.linalg.inv(roots @ np.swapaxes(roots, 1, 2))
+    linear, white = _Linear(slope, offset, inverse), np.linalg.inv(roots)
+    sets = np.array([[0, 1], [3, 6]])
+    found = linear.corrections(sets)
+    for rows, correction in zip(sets, found, strict=True):
+        left = np.concatenate([*(white[k] @ slope[k] for k in rows), np.eye(4)])
+        right = np.concatenate([*(white[k] @ offset[k] for k in rows), np.zeros(4)])
+        np.testing.assert_allclose(
+            correction, np.linalg.lstsq(left, right, rcond=None)[0], rtol=1e-9
+        )
+    off = [[np.sum((white[k] @ (offset[k] - slope[k] @ c)) ** 2) for k in range(7)] for c in found]
+    gains = [sum(max(0.0, GATE**2 - squared) for squared in row) for row in off]
+    np.testing.assert_allclose(linear.gains(found), gains, rtol=1e-9)
+
+
+def test_an_attitude_alone_is_found() -> None:
+    matches = Matches(40, 15, seed=8)
+    uncertain = Uncertainty(0.0, np.radians(0.3))
+    prior = matches.known.moved(np.array([0.0, 0.0, 0.0, 0.004, -0.003, 0.002]))
+    found = agree(prior, matches.points, matches.found, matches.covariance, uncertain, 60.0)
+    assert found.significant
+    assert (found.inliers & matches.wrong).sum() <= 1
+    assert found.inliers.sum() >= 22
 
 
 def test_a_match_agrees_within_three_sigmas_of_its_own_covariance_and_the_tolerance() -> None:
