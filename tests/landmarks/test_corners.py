@@ -95,7 +95,9 @@ def test_an_image_without_light_or_contrast_has_no_corners():
 def test_the_contrast_may_be_given_and_is_nothing_in_the_dark():
     image = noise(3)
     given, own = harris(image, 0.5), harris(image)
-    np.testing.assert_allclose(given * (0.5 / robust_contrast(image)) ** 4, own, rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(
+        given * (0.5 / robust_contrast(image)) ** 4, own, rtol=1e-3, atol=1e-4
+    )
     assert robust_contrast(np.zeros((9, 9), np.float32)) == 0.0
 
 
@@ -284,9 +286,16 @@ def test_what_stands_out_in_a_group_is_a_candidate_besides():
 )
 def test_maxima_are_an_eighth_of_the_spacing_apart(spacing, radius):
     for apart, count in ((radius, 1), (radius + 1, 2)):
-        score = np.zeros((60, 60), np.float32)
-        score[30, 30], score[30, 30 + apart] = 0.6, 0.5
-        assert len(candidates(score, spacing, 2, 5, origin=(0, -30))[0]) == count
+        for row, col in ((0, apart), (0, -apart), (apart, 0), (-apart, 0)):
+            score = np.zeros((60, 60), np.float32)
+            score[30, 30], score[30 + row, 30 + col] = 0.6, 0.5
+            assert len(candidates(score, spacing, 2, 5)[0]) == count
+
+
+def test_the_border_holds_where_all_is_valid():
+    score = np.zeros((40, 40), np.float32)
+    score[3, 20], score[20, 36] = 0.5, np.nan
+    assert candidates(score, 20, 2, 5, valid=np.ones((40, 40), bool))[0].size == 0
 
 
 def test_a_neighbour_of_a_candidate_is_none_of_a_group():

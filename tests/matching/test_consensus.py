@@ -16,6 +16,7 @@ from lcp_catalog.matching.consensus import (
     GATE,
     SIGNIFICANT,
     Consensus,
+    _is_new,
     _Linear,
     agree,
     agreeing,
@@ -118,8 +119,8 @@ def test_corrections_of_a_set_are_least_squares_with_the_prior() -> None:
     a correction is what its squared distances leave of the gate.
     """
     dice = np.random.default_rng(3)
-    slope, offset = dice.normal(size=(7, 2, 4)), dice.normal(size=(7, 2))
-    roots = np.linalg.cholesky(covariances(7, dice))
+    slope, offset = dice.normal(size=(40, 2, 4)), 3.0 * dice.normal(size=(40, 2))
+    roots = np.linalg.cholesky(covariances(40, dice))
     inverse = np.linalg.inv(roots @ np.swapaxes(roots, 1, 2))
     linear, white = _Linear(slope, offset, inverse), np.linalg.inv(roots)
     sets = np.array([[0, 1], [3, 6]])
@@ -130,9 +131,18 @@ def test_corrections_of_a_set_are_least_squares_with_the_prior() -> None:
         np.testing.assert_allclose(
             correction, np.linalg.lstsq(left, right, rcond=None)[0], rtol=1e-9
         )
-    off = [[np.sum((white[k] @ (offset[k] - slope[k] @ c)) ** 2) for k in range(7)] for c in found]
+    off = [[np.sum((white[k] @ (offset[k] - slope[k] @ c)) ** 2) for k in range(40)] for c in found]
     gains = [sum(max(0.0, GATE**2 - squared) for squared in row) for row in off]
     np.testing.assert_allclose(linear.gains(found), gains, rtol=1e-9)
+    np.testing.assert_array_equal(linear.agreeing(found[0]), np.array(off[0]) <= GATE**2)
+    assert np.histogram(off[0], [6.0, 9.0, 27.0])[0].all()
+
+
+def test_a_set_of_matches_is_new_if_at_most_half_of_it_is_known() -> None:
+    some = np.arange(6) < 4
+    for shared, new in ((2, True), (3, False)):
+        other = (np.arange(6) < shared) | (np.arange(6) >= 4)
+        assert _is_new(some, [other]) == _is_new(some, [~some, other]) == new
 
 
 def test_an_attitude_alone_is_found() -> None:
