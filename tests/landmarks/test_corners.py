@@ -292,6 +292,14 @@ def test_maxima_are_an_eighth_of_the_spacing_apart(spacing, radius):
             assert len(candidates(score, spacing, 2, 5)[0]) == count
 
 
+def test_of_equals_within_the_radius_the_first_counts():
+    for row, col, count in ((4, 0, 1), (5, 0, 2), (0, 4, 1), (0, 5, 2), (4, -4, 1), (4, -5, 2)):
+        score = np.zeros((40, 40), np.float32)
+        score[20, 20] = score[20 + row, 20 + col] = 0.5
+        rows, cols = candidates(score, 40, 2, 2, radius=4)
+        assert (len(rows), rows[0], cols[0]) == (count, 20, 20)
+
+
 def test_the_border_holds_where_all_is_valid():
     score = np.zeros((40, 40), np.float32)
     score[3, 20], score[20, 36] = 0.5, np.nan
