@@ -150,10 +150,10 @@ def test_only_evaluated_neighbours_count() -> None:
     shares = {(1, 2): 0.64, (2, 1): 0.04, (2, 2): 0.16}
     want = expit(sum(p[at] * w for at, w in shares.items()) / 0.84)
     assert found.detection_probability[0] == pytest.approx(want, abs=1e-9)
-    nothing = asked(catalog, 11.0, 17.0)
-    assert np.isnan(nothing.detection_probability[0])
-    assert np.isnan(nothing.sigma_major_m[0])
-    assert not nothing.usable[0]
+    both = asked(catalog, 11.0, [17.0, 27.0])
+    assert np.isnan(both.detection_probability).tolist() == [True, False]
+    assert np.isnan(both.sigma_major_m).tolist() == [True, False]
+    assert not both.usable[0]
 
 
 def steady(count: int, **changed: np.ndarray) -> Catalog:
@@ -269,6 +269,8 @@ def test_elevations_end_half_a_step_beyond(grid: list[float], low: float, high: 
     catalog = steady(1, sun_elevation=np.array(grid))
     found = asked(catalog, [low - 0.1, low + 0.1, high - 0.1, high + 0.1], 45.0)
     assert np.isfinite(found.detection_probability).tolist() == [False, True, True, False]
+    found = asked(catalog, [grid[0] - 0.5, grid[0], grid[-1], grid[-1] + 0.5], 45.0)
+    assert [CAUSES[k] for k in found.cause] == ["sun", "usable", "usable", "sun"]
 
 
 def test_beyond_the_grid_the_claims_of_its_end_hold() -> None:
@@ -301,6 +303,7 @@ def test_azimuths_that_do_not_go_round_end_half_a_step_beyond(
     catalog = steady(1, sun_azimuth=np.array(grid))
     found = asked(catalog, 30.0, [low - 0.1, low + 0.1, grid[0], grid[-1], high - 0.1, high + 0.1])
     assert np.isfinite(found.detection_probability).tolist() == [False, True, True, True, True, False]  # fmt: skip
+    assert [CAUSES[k] for k in found.cause] == ["sun", *["usable"] * 4, "sun"]
 
 
 @pytest.mark.parametrize("grid", [np.arange(20.0, 360.0, 60.0), np.array([10.0, 190.0])])
