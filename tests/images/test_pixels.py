@@ -130,7 +130,7 @@ def test_floats_are_no_codes_of_a_display(tmp_path: Path) -> None:
         kinds = [ColorInterp.red, ColorInterp.green, ColorInterp.blue] if name == "b.tif" else None
         path = files.write_image(tmp_path / name, bands, kinds=kinds)
         refused(
-            "has float32 samples, which are not display codes: give --encoding linear",
+            "has float32 samples, which are not display codes: give `encoding` linear",
             path,
             files.camera_over(SHAPE),
             None,
