@@ -108,8 +108,8 @@ GOOD = "2026-01-01,1.9e6,0,0,1,0,0,0\n"
         (HEAD + GOOD.replace("2026-01-01", "yesterday"), "line 2: invalid time: 'yesterday'"),
         (HEAD + '2026,"1\n', "is not a CSV table"),
         ("[{]", "is not JSON"),
-        ("{}", "leave out --camera"),
-        ("[]", "leave out --camera"),
+        ("{}", "leave out `camera`"),
+        ("[]", "leave out `camera`"),
     ],
 )  # fmt: skip
 def test_a_bad_csv_is_one_line(text: str, why: str, cameras: list[Camera], tmp_path: Path) -> None:

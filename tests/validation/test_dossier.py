@@ -64,8 +64,8 @@ def test_a_requirement_is_about_every_frame_and_image(answer: Answer) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("usable>=4", "needs --camera or --trajectory"),
-        ("found_of_usable>=0.9", "needs --evidence"),
+        ("usable>=4", "needs `camera` or `trajectory`"),
+        ("found_of_usable>=0.9", "needs `evidence`"),
         ("sharpness>1", "unknown name sharpness"),
         ("usable", "is not a condition"),
     ],
