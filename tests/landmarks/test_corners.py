@@ -116,6 +116,8 @@ def test_one_known_node_in_the_box_fills_the_others():
     filled = fill_missing(image, 3)
     np.testing.assert_array_equal(filled[1:4, 1:4], 0.75)
     assert filled[5, 5] == 0.5  # nothing is known around it: the mean of the whole
+    image[0, 0], image[0, 1], image[1, 0], image[1, 1] = np.nan, 1.0, 1.0, 4.0
+    assert fill_missing(image, 3)[0, 0] == 2.0  # nothing beyond the image's border counts
 
 
 def test_missing_nodes_are_filled_with_what_is_around_them():
@@ -298,6 +300,9 @@ def test_of_equals_within_the_radius_the_first_counts():
         score[20, 20] = score[20 + row, 20 + col] = 0.5
         rows, cols = candidates(score, 40, 2, 2, radius=4)
         assert (len(rows), rows[0], cols[0]) == (count, 20, 20)
+    score[20, 20] = score[20, 15] = 0.0
+    score[20, 4] = score[22, 0] = 0.5
+    assert np.stack(candidates(score, 40, 2, 0, radius=4), axis=1)[:1].tolist() == [[20, 4]]
 
 
 def test_the_border_holds_where_all_is_valid():
@@ -316,6 +321,10 @@ def test_a_neighbour_of_a_candidate_is_none_of_a_group():
         group[place] = 0.9
         found = np.stack(candidates_of_groups(mean, [group], 60, 1, 5), axis=1).tolist()
         assert ([*place] in found) == taken
+    group[:] = 0.0
+    group[45, 20], group[45, 45] = 0.8, 0.7  # the second best of the group in the cell is left out
+    found = np.stack(candidates_of_groups(mean, [group], 60, 1, 5), axis=1)
+    assert found.tolist() == [[20, 20], [45, 20]]
 
 
 def test_a_cell_has_no_more_candidates_than_its_limit():
