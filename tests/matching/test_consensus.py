@@ -4,6 +4,8 @@ matches, and thousands of false ones.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from helpers.posed import HADLEY, PlainMap, camera, covariances, ground, noise
@@ -18,6 +20,7 @@ from lcp_catalog.matching.consensus import (
     Consensus,
     _is_new,
     _Linear,
+    _subsets,
     agree,
     agreeing,
     independent_share,
@@ -136,6 +139,29 @@ def test_corrections_of_a_set_are_least_squares_with_the_prior() -> None:
     np.testing.assert_allclose(linear.gains(found), gains, rtol=1e-9)
     np.testing.assert_array_equal(linear.agreeing(found[0]), np.array(off[0]) <= GATE**2)
     assert np.histogram(off[0], [6.0, 9.0, 27.0])[0].all()
+
+
+def test_sets_are_all_of_each_size_or_those_of_the_seed() -> None:
+    for size, sets in enumerate(_subsets(6, 3, 0), start=1):
+        expected = {frozenset(c) for c in itertools.combinations(range(6), size)}
+        assert {frozenset(rows.tolist()) for rows in sets} == expected
+        assert len(sets) == len(expected)
+    first, again, other = (_subsets(40, 3, seed) for seed in (1, 1, 2))
+    assert [len(sets) for sets in first] == [40, 780, 2000]
+    assert all(len(set(rows)) == 3 for rows in first[2].tolist())
+    np.testing.assert_array_equal(first[2], again[2])
+    assert (first[2] != other[2]).any()
+
+
+def test_corrections_far_beyond_the_prior_are_not_tried() -> None:
+    """Every match lies some 40 px off, 100 sigmas of the sensor's."""
+    matches = Matches(30, 0, seed=5)
+    found = matches.known.project(matches.points) + 40.0
+    uncertain = Uncertainty(0.0, 1e-5)
+    result = agree(matches.known, matches.points, found, matches.covariance, uncertain, 60.0)
+    assert result.pose is None
+    assert not result.inliers.any()
+    assert (result.log10_false_alarms, result.significant) == (0.0, False)
 
 
 def test_a_set_of_matches_is_new_if_at_most_half_of_it_is_known() -> None:
