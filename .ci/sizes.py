@@ -111,10 +111,10 @@ _OPTION = re.compile(
 
 
 def option_lines() -> list[str]:
-    """Lines of the library that name an option of the command line."""
+    """Lines of the library, its pages' templates included, that name an option of the command line."""
     return [
         f"{path.relative_to(ROOT)}:{number} {line.strip()}"
-        for path in sources("lcp_catalog")
+        for path in [*sources("lcp_catalog"), *sorted((ROOT / "lcp_catalog").rglob("*.html.j2"))]
         for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
         if _OPTION.search(line)
     ]

@@ -11,12 +11,13 @@ _THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def run(package: str, sections: Mapping[str, str]) -> int:
-    """Run the section that the first word of the command line names, else all of them with their defaults.
+    """Run the section that the first word of the command line names, or ``all`` with their defaults. Without a
+    word, or with another one, print the sections.
 
     ``sections`` maps the modules of ``package`` to what they measure; each has ``main(words)`` that returns
     an exit code. A section is imported only when it runs, with one thread unless the environment says otherwise.
     """
-    name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("all", [])
+    name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("", [])
     if name not in (*sections, "all"):
         print(f"usage: python -m {package} SECTION [--help] [OPTION...]\n")
         for section, what in {**sections, "all": "every section with its defaults"}.items():

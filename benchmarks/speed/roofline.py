@@ -91,7 +91,7 @@ def search_operations(patch: int, reach: int) -> float:
 
 
 def covariance_operations(patch: int) -> float:
-    """Of `landmarks.error_model.noise_products`: four fields through ten products with p x p matrices."""
+    """Of products with the noise covariance: four fields through ten products with p x p matrices."""
     return 4 * 10 * 2.0 * patch**3
 
 

@@ -56,6 +56,15 @@ class Catalog(CatalogParts):
             array = self.packing(name).unpacked(array) if name in PACKED else array
             object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        """The sizes alone: no value is read for it."""
+        suns = len(self.sun_elevation) * len(self.sun_azimuth)
+        size = self.patch_nodes
+        return (
+            f"<Catalog: {len(self)} points, patches of {size} x {size} nodes, "
+            f"{len(self.view_off_nadir)} views, {suns} Suns>"
+        )
+
     def packing(self, name: str) -> Any:
         """How a variable of `schema.PACKED` is stored."""
         return packing(name, self.sigma_step_m or 1.0)

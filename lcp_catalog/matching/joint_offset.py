@@ -2,7 +2,7 @@
 together.
 
 At one offset of the whole image every point's correlation is slightly higher than elsewhere, though
-no single point is significant. The votes of `coarse_offset.coarse_shift`, at the pixels of the
+no single point is significant. The votes of `search_area.coarse_shift`, at the pixels of the
 searched image, give that offset and the expected number of offsets as clear by chance. The place is
 the maximum of the mean of z = artanh(correlation), found again with the corrected sensor until it
 is stable. Its covariance is that of resampled points (bootstrap, Efron 1979), divided by the share

@@ -3,7 +3,7 @@ search.
 
 A point's reach is a number of sigmas of its place in the image, by the sensor's Jacobian: to first
 order in the uncertainty. If that is too far for a search point by point, the offset of the whole
-image is found first (`coarse_offset.coarse_shift`); the reach is then that of the uncertainty given
+image is found first (`coarse_shift`); the reach is then that of the uncertainty given
 this offset, by a Kalman step.
 
 Offset of a whole image from where its sensor projects it, also by hundreds of pixels: the

@@ -28,7 +28,7 @@ from ..cameras.public import CameraOrPath, SensorOrPath, any_sensor, framing_cam
 from ..cameras.sensor import POSE, Sensor
 from ..catalog.catalogue import Catalog
 from ..catalog.public import CatalogOrPath, opened_catalog
-from ..errors import CameraError
+from ..errors import CameraError, ConfigError
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..light.sun_choice import SunChoice
@@ -224,7 +224,7 @@ class Query:
     heights in place of the catalogue's ``elevation_sigma``. ``map_sigma_m``: 1 sigma, each axis, of
     an error of place that is the same for all points. ``pixel_sigma_px``: 1 sigma, each axis, of what
     a match errs beyond its claim, pixels of the searched image, which are not finer than the cells;
-    `Criteria.floor_px` of a search.
+    `Criteria.floor_px` of a search. ConfigError for fewer than one point, and for a sigma below 0.
     """
 
     most: int | None = None
@@ -232,6 +232,14 @@ class Query:
     height_sigma_m: float | None = None
     map_sigma_m: float = 0.0
     pixel_sigma_px: float = LEAST_SIGMA_PX
+
+    def __post_init__(self) -> None:
+        if self.most is not None and self.most < 1:
+            raise ConfigError(f"`most` must be at least 1, not {self.most}")
+        for name in ("attitude_sigma_rad", "height_sigma_m", "map_sigma_m", "pixel_sigma_px"):
+            value = getattr(self, name)
+            if value is not None and not value >= 0.0:
+                raise ConfigError(f"`{name}` must be 0 or above, not {value:g}")
 
 
 @dataclass(frozen=True, eq=False)

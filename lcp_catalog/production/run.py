@@ -196,7 +196,8 @@ def most_poleward(region: Area) -> float:
 
 @dataclass(frozen=True)
 class BuildRun:
-    """A planned build that is carried out, whole or in parts; options as in `public.build_catalog`.
+    """A planned build that is carried out, whole or in parts; options as in `public.build_catalog`. ConfigError
+    for less than one job.
 
     Finished areas are kept beside the output until the catalogue has been written.
     """
@@ -209,6 +210,10 @@ class BuildRun:
     overwrite: bool = False
     keep_going: bool = False
     progress: Progress = lambda done, total: None
+
+    def __post_init__(self) -> None:
+        if self.jobs < 1:
+            raise ConfigError(f"`jobs` must be at least 1, not {self.jobs}")
 
     @cached_property
     def checkpoints(self) -> Checkpoints:

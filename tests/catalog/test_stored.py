@@ -53,6 +53,13 @@ def test_nothing_is_read_before_it_is_used(written: Path) -> None:
     assert isinstance(model.held(found, "dem"), np.ndarray)
 
 
+def test_the_text_of_a_catalogue_is_a_line_and_reads_nothing(written: Path) -> None:
+    opened = open_catalog(written)
+    assert repr(opened).startswith("<Catalog: 30 points, ")
+    assert "\n" not in repr(opened)
+    assert isinstance(model.held(opened, "dem"), model.StoredArray)
+
+
 @pytest.mark.parametrize(
     "box",
     [(2.9, 25.5, 4.0, 26.6), (-177.1, 25.5, 4.0, 26.6), (4.0, -90.0, 2.9, 90.0), (0, 80, 9, 90)],

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -158,3 +159,8 @@ def test_a_killed_part_leaves_nothing_in_the_end(plan: Build, built: Path, tmp_p
     BuildRun(plan, output).merge()
     assert list(tmp_path.iterdir()) == [output]
     assert output.read_bytes() == built.read_bytes()
+
+
+def test_a_run_needs_a_job(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="`jobs` must be at least 1"):
+        BuildRun(cast(Build, None), tmp_path / "a.h5", jobs=0)
