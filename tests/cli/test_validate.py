@@ -500,7 +500,7 @@ def eight_bits(place: Path, name: str, gamma: float) -> Path:
 def test_the_encoding_that_fits_is_named_and_chosen(place, capsys, name, gamma, better) -> None:
     eight_bits(place, name, gamma)
     used = {}
-    for encoding in ("linear", "auto"):
+    for encoding in ("linear", "auto") if better == "srgb" else ("auto",):
         out = f"{name}-{encoding}"
         assert validated(place, "--encoding", encoding, image=name, out=out) == 0
         document = json.loads((place / out / "report.json").read_text())
@@ -510,6 +510,7 @@ def test_the_encoding_that_fits_is_named_and_chosen(place, capsys, name, gamma, 
         both = found["correlation"]
         assert both[better] == max(both.values())
         used[encoding] = found["used"]
-    assert used == {"linear": "linear", "auto": better}
+    assert used.pop("auto") == better
+    assert set(used.values()) <= {"linear"}
     text = capsys.readouterr().out
     assert ("but fits better as srgb (--encoding auto or srgb)" in text) == (better == "srgb")

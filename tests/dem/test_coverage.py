@@ -164,9 +164,16 @@ def agrees_with_points(
     assert found.gap_km2 == pytest.approx(found.box_km2 - found.covered_km2, rel=1e-9, abs=1e-3)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=6)
 @given(files(), st.integers(0, 2**32 - 1))
 def test_areas_are_those_of_random_points(some: list, seed: int) -> None:
+    agrees_with_points(some, seed)
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=60)
+@given(files(), st.integers(0, 2**32 - 1))
+def test_areas_are_those_of_random_points_for_many_files(some: list, seed: int) -> None:
     agrees_with_points(some, seed)
 
 

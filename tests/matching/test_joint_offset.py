@@ -5,7 +5,7 @@ all points together, with a right covariance; other terrain, or other light, is 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import pytest
@@ -55,6 +55,7 @@ def clear() -> Image:
     return world().photo(PlainMap(world().frame, *MOVED_M), noise=0.0)
 
 
+@lru_cache(maxsize=4)
 def clouds(shape: tuple[int, int], seed: int) -> np.ndarray:
     """Noise with the spectrum of terrain, of unit variance."""
     dice = np.random.default_rng(seed)
@@ -294,6 +295,11 @@ def test_other_ground_is_no_place() -> None:
         assert answer.verdict == NOT_HERE
 
 
+@cache
+def under_its_own_sun() -> JointOffset | None:
+    return together(believed(faint(clear(), 0, 3.0)))
+
+
 @pytest.mark.parametrize("turn", [-45.0, 45.0, 90.0])
 def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
     """Where the place is significant at all, another Sun correlates better."""
@@ -301,7 +307,7 @@ def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
     found = together(with_sun(photo, points().position_mcmf, turn, 0.0))
     assert found.pose is None
     assert abs(turn) > 45.0 or "the stated Sun does not fit" in found.reason
-    assert together(photo).pose is not None
+    assert under_its_own_sun().pose is not None
 
 
 def test_a_sun_that_does_as_well_is_a_doubt() -> None:
