@@ -513,4 +513,4 @@ def test_the_encoding_that_fits_is_named_and_chosen(place, capsys, name, gamma, 
     assert used.pop("auto") == better
     assert set(used.values()) <= {"linear"}
     text = capsys.readouterr().out
-    assert ("but fits better as srgb (--encoding auto or srgb)" in text) == (better == "srgb")
+    assert ("but fits better as srgb (encoding auto or srgb)" in text) == (better == "srgb")
