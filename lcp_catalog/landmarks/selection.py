@@ -160,11 +160,8 @@ def within(cells: Places, points: Places, distance_m: float) -> tuple[Index, Ind
 
     ValueError for places that are not finite.
     """
-    here, there = cells.unit, points.unit
-    if not len(here) or not len(there):
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    near = _tree(there).sparse_distance_matrix(
-        _tree(here), _chord(distance_m), output_type="ndarray"
+    near = _tree(points.unit).sparse_distance_matrix(
+        _tree(cells.unit), _chord(distance_m), output_type="ndarray"
     )
     order = np.argsort(near["i"], kind="stable")
     return near["j"][order], near["i"][order]
