@@ -306,6 +306,14 @@ def test_azimuths_that_do_not_go_round_end_half_a_step_beyond(
     assert [CAUSES[k] for k in found.cause] == ["sun", *["usable"] * 4, "sun"]
 
 
+def test_beyond_the_end_of_the_azimuths_a_point_needs_no_less() -> None:
+    grid = np.arange(60.0, 121.0, 15.0)
+    p, condition = np.full((1, 3, 3, 8, 5), 0.896), np.full((1, 3, 8, 5), 31 - 4, np.uint8)
+    catalog = steady(1, sun_azimuth=grid, detection_probability=p, condition=condition)
+    found = asked(catalog, 30.0, [54.0, 60.0, 120.0, 126.0])
+    assert [CAUSES[k] for k in found.cause] == ["detection"] * 4
+
+
 @pytest.mark.parametrize("grid", [np.arange(20.0, 360.0, 60.0), np.array([10.0, 190.0])])
 def test_azimuths_that_go_round_need_not_begin_in_the_north(grid: np.ndarray) -> None:
     """Logits against numpy's periodic interpolation."""
