@@ -306,11 +306,12 @@ def test_azimuths_that_do_not_go_round_end_half_a_step_beyond(
     assert [CAUSES[k] for k in found.cause] == ["sun", *["usable"] * 4, "sun"]
 
 
-def test_beyond_the_end_of_the_azimuths_a_point_needs_no_less() -> None:
-    grid = np.arange(60.0, 121.0, 15.0)
-    p, condition = np.full((1, 3, 3, 8, 5), 0.896), np.full((1, 3, 8, 5), 31 - 4, np.uint8)
+@pytest.mark.parametrize("grid", [np.arange(60.0, 121.0, 15.0), np.array([60.0])])
+def test_beyond_the_end_of_the_azimuths_a_point_needs_no_less(grid: np.ndarray) -> None:
+    p = np.full((1, 3, 3, 8, len(grid)), 0.896)
+    condition = np.full((1, 3, 8, len(grid)), 31 - 4, np.uint8)
     catalog = steady(1, sun_azimuth=grid, detection_probability=p, condition=condition)
-    found = asked(catalog, 30.0, [54.0, 60.0, 120.0, 126.0])
+    found = asked(catalog, 30.0, [grid[0] - 4.0, grid[0], grid[-1], grid[-1] + 4.0])
     assert [CAUSES[k] for k in found.cause] == ["detection"] * 4
 
 
