@@ -116,7 +116,7 @@ def test_the_images_are_those_without_times_the_factor(built: tuple[Build, Path]
     """
     job = built[0].jobs[0]
     lit = area_sweep(job)
-    bare = area_sweep(dataclasses.replace(job, albedo=None))
+    bare = area_sweep(dataclasses.replace(job, recipe=dataclasses.replace(job.recipe, albedo=None)))
     terrain = lit.terrain
     row0, row1, col0, col1 = terrain.core
     field = terrain.field
@@ -164,7 +164,7 @@ def test_the_file_says_where_it_comes_from(built: tuple[Build, Path], catalog: C
         assert (found["albedo"].dtype, found["albedo"].units) == (np.float32, "1")
         source = json.loads(found.attrs["albedo_map"])
         config, plan = found.attrs["config"], found.attrs["scene_plan"]
-    mapped = Path(str(built[0].config.model.albedo))
+    mapped = Path(str(built[0].jobs[0].recipe.config.model.albedo))
     assert source["name"] == source["files"][0]["name"] == "spots.tif"
     assert source["files"][0]["size"] == mapped.stat().st_size
     assert len(source["files"][0]["sha256"]) == 64
@@ -362,10 +362,16 @@ class TestConfiguration:
     @pytest.mark.parametrize(
         ("how", "says"),
         [
-            ({"albedo": "m.tif", "albedo_encoding": "gamma"}, "albedo_encoding must be linear or"),
-            ({"albedo": "m.tif", "albedo_reference": 0.0}, "albedo_reference must be positive"),
-            ({"albedo_reference": 0.5}, "need model.albedo"),
-            ({"albedo_encoding": "srgb"}, "need model.albedo"),
+            (
+                {"albedo": "m.tif", "albedo_encoding": "gamma"},
+                "`model.albedo_encoding` must be linear or",
+            ),
+            (
+                {"albedo": "m.tif", "albedo_reference": 0.0},
+                "`model.albedo_reference` must be above 0",
+            ),
+            ({"albedo_reference": 0.5}, "needs `model.albedo`"),
+            ({"albedo_encoding": "srgb"}, "needs `model.albedo`"),
         ],
     )
     def test_what_cannot_be_is_refused(self, how: dict[str, Any], says: str) -> None:
