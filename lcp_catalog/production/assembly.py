@@ -37,7 +37,7 @@ BLOCK_BYTES = 2**25
 _SAMPLED = 256
 """Records whose size in the file is measured for a limit of its size."""
 
-_FILE_BYTES = 260_000
+_FILE_BYTES = 150_000
 """Bytes of a file without points (`estimate.FILE_BYTES`) and of its maps."""
 
 _BYTES_BESIDE = 350

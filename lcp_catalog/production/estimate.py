@@ -22,7 +22,7 @@ from .promise import PromisedPlaces
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
 from .run import Build, Level, most_poleward
 
-FILE_BYTES = 180_000
+FILE_BYTES = 70_000
 """Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB)."""
 
 STORED_SHARE = 0.8

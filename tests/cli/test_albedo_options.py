@@ -220,7 +220,7 @@ ring_max_km = 5.0
         capsys.readouterr()
         assert run(["inspect", output, "--json"]) == 0
         found = json.loads(capsys.readouterr().out)
-        assert found["schema_version"] == "2.5"
+        assert found["schema_version"] == "3.0"
         assert found["albedo"]["name"] == "waves.tif"
         assert found["albedo"]["reference_is"] == "mean of the map"
         assert [s["name"] for s in found["sources"]] == ["hills.tif"]

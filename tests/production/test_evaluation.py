@@ -236,7 +236,7 @@ def test_sensitivities_are_the_change_of_renders_of_tilted_terrain(law):
     conditions = np.concatenate([stack.conditions for stack in stacks]).tolist()
     assert max(len(stack.radiance) for stack in stacks) == 5
     for k, (one, *tilted) in enumerate(slopes_by_renders(z, step, config)):
-        assert tuple(conditions[k]) == one.condition
+        assert tuple(conditions[k]) == (one.view, one.elevation, one.azimuth)
         np.testing.assert_array_equal(radiance[k], one.radiance)
         for found, other in zip(slopes[:, k], tilted, strict=True):
             lit = (one.radiance > 0.0) & (other.radiance > 0.0)
