@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -17,7 +17,10 @@ from ..arrays import AnyArray, Index
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from .layout import LEVELS
 
-Part = TypeVar("Part")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Part = TypeVar("Part", bound="DataclassInstance")
 
 BLOCK_BYTES = 2**24
 """Most bytes of a variable that are read together."""
@@ -87,7 +90,7 @@ class _ArrayField:
 
 def _reads_arrays(part: type[Part]) -> type[Part]:
     """Class decorator: every field that is an array may be given as a `StoredArray`."""
-    for field in fields(part):  # type: ignore[arg-type]
+    for field in fields(part):
         if "AnyArray" in str(field.type):
             setattr(part, field.name, _ArrayField(field.name))
     return part

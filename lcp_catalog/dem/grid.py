@@ -34,7 +34,7 @@ class Crs:
     """
 
     def __init__(self, wkt: str) -> None:
-        from ..geometry.map_projection import lunar_crs  # noqa: PLC0415  # 0.1 s for pyproj
+        from ..geometry.map_projection import lunar_crs  # noqa: PLC0415  # pyproj takes 0.1 s: only where a CRS is read
 
         crs, _ = lunar_crs(wkt, (MOON_RADIUS_M - 0.5, MOON_RADIUS_M + 0.5))
         self.center_lon_deg = 0.0

@@ -38,8 +38,8 @@ def test_it_falls_to_nothing_at_35_deg(elevation_deg: float, cells: float) -> No
 
 
 def test_a_catalogue_without_the_figure_has_no_such_error() -> None:
-    old = SimpleNamespace(gsd=np.array([100.0]), errors={"spread": 0.2})
-    assert not shadow_shift_m(old, np.array([0]), sun(90.0, 5.0)[None]).any()  # type: ignore[arg-type]  # part of a catalogue
+    old: Any = SimpleNamespace(gsd=np.array([100.0]), errors={"spread": 0.2})
+    assert not shadow_shift_m(old, np.array([0]), sun(90.0, 5.0)[None]).any()
 
 
 def test_in_the_image_it_is_that_of_moved_ground() -> None:
