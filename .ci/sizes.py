@@ -6,10 +6,12 @@
 from __future__ import annotations
 
 import ast
+import functools
 import io
 import re
 import tokenize
 from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,6 +27,12 @@ _LAYOUT = {
 }
 
 
+@functools.cache
+def _nodes(path: Path) -> list[ast.AST]:
+    """All nodes of a file's syntax tree."""
+    return [*ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+
+
 def sources(folder: str) -> list[Path]:
     """Python files of a folder of the checkout, in order."""
     return sorted((ROOT / folder).rglob("*.py"))
@@ -34,7 +42,7 @@ def code_lines(path: Path) -> int:
     """Lines that hold code: without blank lines, comments and texts that stand alone (docstrings)."""
     text = path.read_text(encoding="utf-8")
     alone: set[int] = set()
-    for node in ast.walk(ast.parse(text)):
+    for node in _nodes(path):
         if (
             isinstance(node, ast.Expr)
             and isinstance(node.value, ast.Constant)
@@ -52,7 +60,7 @@ def repeated_classes() -> dict[str, list[str]]:
     """Class names of the library and the command line that more than one class has: name to files."""
     places: dict[str, list[str]] = defaultdict(list)
     for path in [*sources("lcp_catalog"), *sources("cli")]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in _nodes(path):
             if isinstance(node, ast.ClassDef):
                 places[node.name].append(f"{path.relative_to(ROOT)}:{node.lineno}")
     return {name: found for name, found in sorted(places.items()) if len(found) > 1}
@@ -64,15 +72,15 @@ def _own_names() -> set[str]:
     return {
         node.name
         for path in [*sources("lcp_catalog"), *sources("cli")]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in _nodes(path)
         if isinstance(node, kinds)
     }
 
 
-def _foreign_names(tree: ast.Module) -> set[str]:
+def _foreign_names(nodes: Iterable[ast.AST]) -> set[str]:
     """Names that a file imports from elsewhere: modules, functions and classes that are not ours."""
     found: set[str] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
         elif (
@@ -88,9 +96,8 @@ def starred_calls() -> list[str]:
     """Calls of our own functions, methods and classes with ``*name`` or ``**name``."""
     own, found = _own_names(), []
     for path in [*sources("lcp_catalog"), *sources("cli")]:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        foreign = _foreign_names(tree)
-        for node in ast.walk(tree):
+        foreign = _foreign_names(_nodes(path))
+        for node in _nodes(path):
             if not isinstance(node, ast.Call):
                 continue
             called = node.func
