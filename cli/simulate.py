@@ -206,10 +206,7 @@ def command(
     taken = simulate(
         source,
         seen,
-        sun_azimuth_deg=sun.azimuth_deg,
-        sun_elevation_deg=sun.elevation_deg,
-        time_utc=sun.time_utc,
-        subsolar_deg=sun.subsolar_deg,
+        sun=sun,
         disc=disc,
         environment=light.open(),
         bounce=bounce,

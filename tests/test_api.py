@@ -123,16 +123,16 @@ def test_a_day_with_the_functions(tmp_path: Path) -> None:
     assert lcp.export(catalog, tmp_path / "points.csv") == len(catalog)
     assert lcp.diff(tmp_path / "west.h5", both).counts()["went"] <= merged.crowded
     sun = lcp.sun_at((3.6, 26.0), "1971-07-31T01:25:52")
-    angles = {"sun_azimuth_deg": sun.azimuth_deg[0], "sun_elevation_deg": sun.elevation_deg[0]}
+    angles = (sun.azimuth_deg[0], sun.elevation_deg[0])
     camera = lcp.read_camera(ROOT / "sample_data" / "AS15-M-0414_camera.json")
-    answer = lcp.query(catalog, camera, **angles)
+    answer = lcp.query(catalog, camera, sun=angles)
     at = lcp.windows(catalog, (3.6, 26.0), "1971-07-31T01:25:52", camera=camera)
     assert at.points == answer.counts["in_view"]
     taken = lcp.simulate(
         info.dems,
         camera,
         tmp_path / "frame.png",
-        **angles,
+        sun=angles,
         gsd_m=474.0,
         accuracy="draft",
         samples=2,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -41,6 +42,26 @@ class SunChoice:
             raise SunError(
                 "state the Sun once: `sun_azimuth_deg` and `sun_elevation_deg`, or `time_utc`, or `subsolar_deg`"
             )
+
+    @classmethod
+    def of(cls, sun: SunStated) -> SunChoice:
+        """The Sun as a function was given it: azimuth and elevation in degrees, an instant, or a choice.
+        SunError for anything else.
+
+        Examples
+        --------
+        >>> lcp.SunChoice.of((96.5, 14.0)) == lcp.SunChoice(azimuth_deg=96.5, elevation_deg=14.0)
+        True
+        """
+        if isinstance(sun, SunChoice):
+            return sun
+        if sun is None or isinstance(sun, str):
+            return cls(time_utc=sun)
+        if not isinstance(sun, tuple) or len(sun) != 2:
+            raise SunError(
+                f"`sun` is azimuth and elevation, an instant or a SunChoice, not {sun!r}"
+            )
+        return cls(float(sun[0]), float(sun[1]))
 
     @property
     def is_stated(self) -> bool:
@@ -96,3 +117,7 @@ class SunChoice:
     @property
     def _is_direction(self) -> bool:
         return self.azimuth_deg is not None or self.subsolar_deg is not None
+
+
+SunStated: TypeAlias = SunChoice | tuple[float, float] | str | None
+"""A Sun as public functions take it: `SunChoice.of`."""

@@ -31,7 +31,7 @@ from ..catalog.public import CatalogOrPath, opened_catalog
 from ..errors import CameraError, ConfigError
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
-from ..light.sun_choice import SunChoice
+from ..light.sun_choice import SunChoice, SunStated
 from ..matching.common_errors import SharedTerrain, shadow_shift_m
 from ..matching.point_choice import LEAST_SIGMA_PX
 from ..matching.pose import covariance_of, jacobian
@@ -447,10 +447,7 @@ def query(
     catalog: CatalogOrPath,
     camera: SensorOrPath,
     *,
-    sun_azimuth_deg: float | None = None,
-    sun_elevation_deg: float | None = None,
-    time_utc: str | None = None,
-    subsolar_deg: tuple[float, float] | None = None,
+    sun: SunStated = None,
     most: int | None = None,
     attitude_sigma_deg: float = math.inf,
     height_sigma_m: float | None = None,
@@ -467,11 +464,9 @@ def query(
         A catalogue, or its file.
     camera:
         Camera or another sensor, or its file.
-    sun_azimuth_deg, sun_elevation_deg:
-        The Sun at the image's centre: degrees clockwise from north, and above the horizontal plane.
-    time_utc, subsolar_deg:
-        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
-        the subsolar point. None of them: the Sun of the camera's file.
+    sun:
+        The Sun: its azimuth, degrees clockwise from north, and elevation at the image's centre; or an instant (ISO
+        text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
     most:
         Only so many points: those that together determine the position best. None: all usable ones.
     attitude_sigma_deg:
@@ -496,15 +491,14 @@ def query(
 
     Examples
     --------
-    >>> answer = lcp.query(catalog, camera, sun_azimuth_deg=96.5, sun_elevation_deg=14)
+    >>> answer = lcp.query(catalog, camera, sun=(96.5, 14))
     >>> answer.counts["in_view"] == len(lcp.open_catalog(catalog)), answer.usable == len(answer.rows)
     (True, True)
     """
-    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
     asked = Query(
         most, math.radians(attitude_sigma_deg), height_sigma_m, map_sigma_m, pixel_sigma_px
     )
-    image = PlannedImage.lit(any_sensor(camera), sun)
+    image = PlannedImage.lit(any_sensor(camera), SunChoice.of(sun))
     (answer,) = answers(opened_catalog(catalog, check=False), [image], asked)
     return answer
 
@@ -514,10 +508,7 @@ def query_trajectory(
     trajectory: Path | str,
     camera: CameraOrPath | None = None,
     *,
-    sun_azimuth_deg: float | None = None,
-    sun_elevation_deg: float | None = None,
-    time_utc: str | None = None,
-    subsolar_deg: tuple[float, float] | None = None,
+    sun: SunStated = None,
     most: int | None = None,
     attitude_sigma_deg: float = math.inf,
     height_sigma_m: float | None = None,
@@ -535,8 +526,10 @@ def query_trajectory(
         (`navigation.trajectory_file`).
     camera:
         Camera of a CSV, or its file.
-    sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg, most, attitude_sigma_deg:
-        As `query`; None of the Sun: that of each frame's time.
+    sun:
+        As `query`; None: that of each frame's time.
+    most, attitude_sigma_deg:
+        As `query`.
     height_sigma_m, map_sigma_m, pixel_sigma_px:
         As `query`.
 
@@ -551,10 +544,10 @@ def query_trajectory(
     >>> [answer.usable >= 0 for answer in frames]
     [True, True]
     """
-    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
     asked = Query(
         most, math.radians(attitude_sigma_deg), height_sigma_m, map_sigma_m, pixel_sigma_px
     )
+    stated = SunChoice.of(sun)
     taken = read_trajectory(trajectory, None if camera is None else framing_camera(camera))
-    images = [PlannedImage.lit(one, sun) for one in taken]
+    images = [PlannedImage.lit(one, stated) for one in taken]
     return answers(opened_catalog(catalog, check=False), images, asked)

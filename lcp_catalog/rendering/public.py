@@ -11,7 +11,7 @@ from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
 from ..dem.public import Dems, dem_set
 from ..light.environment import Environment
-from ..light.sun_choice import SunChoice
+from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
@@ -30,10 +30,7 @@ def render(
     size_km: float | None = None,
     bounds_deg: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
-    sun_azimuth_deg: float | None = None,
-    sun_elevation_deg: float | None = None,
-    time_utc: str | None = None,
-    subsolar_deg: tuple[float, float] | None = None,
+    sun: SunStated = None,
     disc: bool | None = None,
     environment: Environment | Path | str | None = None,
     earthshine: bool = False,
@@ -67,11 +64,9 @@ def render(
         In their place: west, south, east, north, degrees.
     gsd_m:
         Cell size; None: the DEM's own.
-    sun_azimuth_deg, sun_elevation_deg:
-        The Sun at the area's centre: degrees clockwise from north, and above the horizontal plane.
-    time_utc, subsolar_deg:
-        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
-        the subsolar point. None of them: the Sun of the camera's file.
+    sun:
+        The Sun: its azimuth, degrees clockwise from north, and elevation at the area's centre; or an instant (ISO
+        text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
     disc:
         True for the solar disc, False for a point; None: as the accuracy says.
     environment:
@@ -116,7 +111,7 @@ def render(
     --------
     >>> image = lcp.render(
     ...     folder / "hadley_gld100_256ppd.tif",
-    ...     center_deg=(3.63, 26.13), size_km=10, sun_azimuth_deg=96.5, sun_elevation_deg=14,
+    ...     center_deg=(3.63, 26.13), size_km=10, sun=(96.5, 14),
     ... )
     >>> image.radiance.shape, bool(image.sunlit.mean() > 0.5)
     ((87, 87), True)
@@ -130,7 +125,7 @@ def render(
             dems=dem_set(dem, product_order) if dem else None,
             area=Area.chosen(center_deg, size_km, bounds_deg),
             gsd_m=gsd_m,
-            sun=SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg),
+            sun=SunChoice.of(sun),
             view=ViewChoice(seen or angles),
             in_camera_plane=camera_plane,
             model=law_of(reflectance),

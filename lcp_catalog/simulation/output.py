@@ -23,7 +23,7 @@ from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_set
 from ..errors import ConfigError, OutputError
 from ..light.environment import Environment
-from ..light.sun_choice import SunChoice
+from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, open_grey_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
@@ -78,10 +78,7 @@ def simulate(
     camera: AnySensor | Path | str,
     output: Path | str | None = None,
     *,
-    sun_azimuth_deg: float | None = None,
-    sun_elevation_deg: float | None = None,
-    time_utc: str | None = None,
-    subsolar_deg: tuple[float, float] | None = None,
+    sun: SunStated = None,
     disc: bool | None = None,
     environment: Environment | Path | str | None = None,
     bounce: str = "off",
@@ -106,11 +103,9 @@ def simulate(
     output:
         Also write the frame (.png: the detector's numbers; .tif: radiance factor) and, beside it,
         its camera as ``NAME_camera.json``.
-    sun_azimuth_deg, sun_elevation_deg:
-        The Sun at the middle of what is seen: degrees clockwise from north, and above the horizontal plane.
-    time_utc, subsolar_deg:
-        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
-        the subsolar point. None of them: the Sun of the camera's file.
+    sun:
+        The Sun: its azimuth, degrees clockwise from north, and elevation at the middle of what is seen; or an instant (ISO
+        text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
     disc:
         True for the solar disc, False for a point; None: as the accuracy says.
     environment:
@@ -154,7 +149,7 @@ def simulate(
     --------
     >>> taken = lcp.simulate(
     ...     folder / "hadley_gld100_256ppd.tif", small_camera,
-    ...     sun_azimuth_deg=96.5, sun_elevation_deg=14, accuracy="draft",
+    ...     sun=(96.5, 14), accuracy="draft",
     ...     detector=lcp.Detector(noise=0.02, seed=1),
     ... )
     >>> taken.numbers.shape == small_camera.shape, taken.numbers.dtype
@@ -162,7 +157,7 @@ def simulate(
     """
     detector = detector or Detector()
     seen = rendered_sensor(camera)
-    sun = SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg)
+    sun = SunChoice.of(sun)
     tier = accuracy_of(accuracy or ("reference" if tolerance is None else None), tolerance)
     light = Environment.opened(environment)
     surface: Surface

@@ -14,7 +14,7 @@ from ..dem.public import Dems, dem_paths
 from ..errors import ConfigError
 from ..images.image_file import ImageOptions
 from ..light.environment import Environment
-from ..light.sun_choice import SunChoice
+from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
@@ -32,10 +32,7 @@ def validate(
     position_sigma_m: float = 1000.0,
     attitude_sigma_deg: float = 0.1,
     known_pose: bool = False,
-    sun_azimuth_deg: float | None = None,
-    sun_elevation_deg: float | None = None,
-    time_utc: str | None = None,
-    subsolar_deg: tuple[float, float] | None = None,
+    sun: SunStated = None,
     disc: bool | None = None,
     environment: Environment | Path | str | None = None,
     dem: Dems = (),
@@ -72,11 +69,9 @@ def validate(
         Uncertainty of the cameras, 1 sigma for each axis; 0: exact.
     known_pose:
         True: the camera files' positions are the true ones; the error of the estimate is reported.
-    sun_azimuth_deg, sun_elevation_deg:
-        The Sun at the image's centre: degrees clockwise from north, and above the horizontal plane.
-    time_utc, subsolar_deg:
-        In place of the angles: an instant (ISO text, UTC), or longitude and latitude, degrees, of
-        the subsolar point. None of them: the Sun of the camera's file.
+    sun:
+        The Sun: its azimuth, degrees clockwise from north, and elevation at the image's centre; or an instant (ISO
+        text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
     disc:
         Renders of the DEM under the solar disc (True) or a point (False); None: as the accuracy says.
     environment:
@@ -139,7 +134,7 @@ def validate(
             uncertainty=Uncertainty(position_sigma_m, float(np.radians(attitude_sigma_deg))),
             dem_paths=dem_paths(dem),
             windows=WindowChoice(window, step or window, gsd_m, remove_offset),
-            sun=SunChoice(sun_azimuth_deg, sun_elevation_deg, time_utc, subsolar_deg),
+            sun=SunChoice.of(sun),
             model=law_of(reflectance),
             accuracy=accuracy_of(accuracy, tolerance),
             albedo=AlbedoMap.open(albedo) if isinstance(albedo, Path | str) else albedo,
