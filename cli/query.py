@@ -173,7 +173,7 @@ def command(
     """
     _check(frames, output, plot)
 
-    from lcp_catalog.catalog.hdf5 import open_catalog
+    from lcp_catalog.catalog.verification import open_catalog
 
     options.check_outputs(overwrite, output, plot)
     images = frames.read(sun)

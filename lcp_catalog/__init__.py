@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from .cameras.frame_camera import Camera as Camera
     from .cameras.sensor import Uncertainty as Uncertainty
     from .catalog.catalogue import Catalog as Catalog
-    from .catalog.hdf5 import open_catalog as open_catalog
     from .catalog.public import diff as diff
     from .catalog.public import inspect as inspect
     from .catalog.public import report as report
+    from .catalog.verification import open_catalog as open_catalog
     from .dem.mosaic import DemSet as DemSet
     from .dem.public import DemInfo as DemInfo
     from .dem.public import dem_info as dem_info
@@ -72,7 +72,7 @@ _MODULES = {
     "instant_range": "ephemeris.times",
     "locate": "matching.position_fix",
     "merge": "production.public",
-    "open_catalog": "catalog.hdf5",
+    "open_catalog": "catalog.verification",
     "open_image": "images.image_file",
     "query": "navigation.expected_position",
     "query_trajectory": "navigation.expected_position",

@@ -29,7 +29,7 @@ from lcp_catalog.arrays import Array, Index, Mask
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.hdf5 import open_catalog
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.point_choice import points_in_view

@@ -22,7 +22,7 @@ from benchmarks.markdown import table
 from benchmarks.places import OUTPUT, shared_data
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.hdf5 import open_catalog
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.position_fix import Fix, locate
 from lcp_catalog.matching.sun_check import with_sun

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.production.checkpoints import Checkpoints
 from tests.helpers import catalogs, damaged_catalogs, finished_areas
 

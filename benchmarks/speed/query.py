@@ -23,8 +23,10 @@ import numpy as np
 from benchmarks.timing import processor_s
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.view import looking_camera
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import USABLE, summarise_usable
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, lonlat_to_mcmf
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.memory import peak_mb

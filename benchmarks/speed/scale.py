@@ -21,7 +21,9 @@ import numpy as np
 
 from benchmarks.commands import lcp
 from benchmarks.markdown import table
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.landmarks.selection import Places
 from lcp_catalog.memory import peak_mb

@@ -7,9 +7,9 @@ from typing import Any, TypeAlias
 
 from .catalogue import Catalog
 from .comparison import Comparison, compare, compare_catalogs
-from .hdf5 import open_catalog
 from .report import write_report
 from .summary import describe
+from .verification import open_catalog
 
 CatalogOrPath: TypeAlias = Catalog | Path | str
 

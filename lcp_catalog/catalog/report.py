@@ -16,6 +16,7 @@ from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.html_page import page
 from ..plots.numbers import number
 from ..plots.pictures import data_uri
+from .catalogue import Catalog
 from .charts import (
     MAP_PX,
     STEPS,
@@ -30,7 +31,6 @@ from .charts import (
     symbol,
 )
 from .claim_map import claim_map
-from .hdf5 import Catalog, open_catalog
 from .promise import worst_text
 from .schema import COVERAGE_STATUS, SCHEMA_VERSION
 from .summary import (
@@ -43,6 +43,7 @@ from .summary import (
     summary_rows,
     view_name,
 )
+from .verification import open_catalog
 
 CARDS_MAX = 60
 """Most patches on a page. Of more points a third are the best, a third the worst, and a third a

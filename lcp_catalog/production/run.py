@@ -23,8 +23,8 @@ import numpy as np
 
 from .._version import __version__
 from ..atomic_files import check_output
-from ..catalog.hdf5 import open_catalog
 from ..catalog.schema import COVERAGE_STATUS, SCHEMA_VERSION
+from ..catalog.verification import open_catalog
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..ephemeris.reachable import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, SunError

@@ -17,9 +17,9 @@ import numpy as np
 from ..arrays import Array
 from ..atomic_files import check_output, write_bytes
 from ..catalog.catalogue import Catalog
-from ..catalog.hdf5 import open_catalog
 from ..catalog.schema import usable
 from ..catalog.summary import Statistics, summary, summary_rows
+from ..catalog.verification import open_catalog
 from ..constants import FRAME
 from ..errors import ConfigError
 from ..navigation.expected_position import SOURCES, Answer, Query, answers

@@ -16,7 +16,7 @@ from ..accuracy import TIERS, Accuracy
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog.catalogue import Catalog
-from ..catalog.hdf5 import open_catalog
+from ..catalog.verification import open_catalog
 from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.mosaic import DemSet
 from ..errors import CameraError, ImageError, LcpError, SunError

@@ -16,8 +16,10 @@ from helpers import catalogs
 from helpers.products import DEGREE_M, geotiff
 
 from lcp_catalog.catalog import content, summary
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.report import render_report
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import (
     AlbedoError,
     AreaFailedError,

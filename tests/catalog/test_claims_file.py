@@ -14,9 +14,10 @@ import xarray
 from helpers import catalogs
 
 from lcp_catalog.catalog import content, schema, summary
-from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.catalog.layout import packing, sigma_step_m
 from lcp_catalog.catalog.maps import usable_nearby
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.landmarks.selection import Places
 

@@ -14,10 +14,11 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog import comparison
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare, compare_catalogs
-from lcp_catalog.catalog.hdf5 import Catalog, write_catalog
 from lcp_catalog.catalog.schema import levels, summarise_usable
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CatalogError
 

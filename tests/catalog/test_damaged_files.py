@@ -18,8 +18,9 @@ from helpers import catalogs, damaged_catalogs
 from helpers.commands import run
 
 from lcp_catalog.catalog import verification
-from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.catalog.report import write_report
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 
 

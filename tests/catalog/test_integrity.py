@@ -16,8 +16,9 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog import content, integrity
-from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 
 

@@ -13,7 +13,8 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog import content
-from lcp_catalog.catalog.hdf5 import Catalog, new_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.writing import new_catalog
 from lcp_catalog.held_signals import HeldSignals
 
 

@@ -12,12 +12,13 @@ from helpers.catalogs import promised
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare
-from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
 from lcp_catalog.catalog.model import Promise
 from lcp_catalog.catalog.promise import kept_promise
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.summary import describe, summary_rows
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 
 

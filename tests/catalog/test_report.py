@@ -11,8 +11,9 @@ from helpers import catalogs
 from helpers.pages import decoded, in_browser, measured, parsed
 
 from lcp_catalog.catalog import report
-from lcp_catalog.catalog.hdf5 import Overview, write_catalog
+from lcp_catalog.catalog.model import Overview
 from lcp_catalog.catalog.summary import summary
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 
 

@@ -12,7 +12,9 @@ import pytest
 from helpers import catalogs, many_points
 
 from lcp_catalog.catalog import catalogue, model, summary, verification
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 
 

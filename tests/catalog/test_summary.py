@@ -9,7 +9,7 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog import summary
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.writing import write_catalog
 
 
 def test_usable_share_counts_evaluated_conditions(tmp_path: Path) -> None:

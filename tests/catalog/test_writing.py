@@ -14,9 +14,10 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog import content, disk_stream
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.layout import GROUPS
-from lcp_catalog.catalog.writing import new_catalog
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import new_catalog, write_catalog
 from lcp_catalog.errors import CatalogError, OutputError
 
 

@@ -17,7 +17,7 @@ import pytest
 from helpers.commands import refusal
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import verify
+from lcp_catalog.catalog.verification import verify
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.run import Build

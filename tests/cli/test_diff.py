@@ -12,7 +12,7 @@ from helpers import catalogs
 from helpers.commands import refusal
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.writing import write_catalog
 
 
 @pytest.fixture

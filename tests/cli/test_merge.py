@@ -9,7 +9,8 @@ from helpers import merges
 from helpers.commands import refusal
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import verify, write_catalog
+from lcp_catalog.catalog.verification import verify
+from lcp_catalog.catalog.writing import write_catalog
 
 
 def test_it_joins_catalogues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

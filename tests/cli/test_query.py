@@ -18,7 +18,7 @@ from helpers.posed import camera
 from lcp_cli.main import run
 from pyproj import CRS
 
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame
 
 SUN = ["--sun-azimuth", "100", "--sun-elevation", "17"]

@@ -8,7 +8,7 @@ import pytest
 from helpers import catalogs, navigable
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.writing import write_catalog
 
 
 @pytest.fixture

@@ -17,7 +17,8 @@ from lcp_cli.main import run
 from simulation.test_frame import APART, CELL_M, PLACE, camera, patches, rolling
 
 from lcp_catalog.cameras.camera_file import read_camera, read_sensor
-from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation
 from lcp_catalog.simulation.detector import BITS_MAX, BLUR_MAX_PX

@@ -18,7 +18,8 @@ from lcp_cli.value_types import Distance
 
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.position_fix import SEARCHED, locate

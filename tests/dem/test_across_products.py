@@ -10,7 +10,8 @@ import rasterio
 from helpers import transplanted
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
 

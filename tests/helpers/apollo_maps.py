@@ -14,7 +14,8 @@ import numpy as np
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Image

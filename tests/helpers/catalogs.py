@@ -14,11 +14,12 @@ import numpy as np
 import rasterio
 
 from lcp_catalog.catalog import integrity
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.content import values
-from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview, open_catalog, verify
 from lcp_catalog.catalog.maps import overview_levels, usable_nearby
-from lcp_catalog.catalog.model import Promise
+from lcp_catalog.catalog.model import Coverage, Overview, Promise
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, NO_CELL, Cause, summarise_usable
+from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (
     EnuFrame,

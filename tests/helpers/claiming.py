@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.maps import usable_nearby
 from lcp_catalog.catalog.schema import USABLE, summarise_usable
 from lcp_catalog.landmarks.selection import Places

@@ -18,7 +18,8 @@ from lcp_cli.main import run
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import pixel_size_m
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.point_choice import points_in_view

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import Templates, render_patches

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcp_catalog.catalog.hdf5 import Catalog, Coverage, Overview
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.model import Coverage, Overview
 from lcp_catalog.catalog.schema import summarise_usable
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf
 

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image

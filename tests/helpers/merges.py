@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import summarise_usable, usable
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import summarise_usable
 
 from . import catalogs

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.templates import render_patches

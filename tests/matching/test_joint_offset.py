@@ -13,7 +13,7 @@ from helpers.posed import PlainMap
 from helpers.small_world import LAW, World, mirrored, overhead
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching import joint_offset, position_fix
 from lcp_catalog.matching.consensus import Consensus

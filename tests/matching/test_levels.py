@@ -11,7 +11,7 @@ from helpers.small_world import GSD_M, LAW, World, overhead
 from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches

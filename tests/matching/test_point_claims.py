@@ -14,7 +14,7 @@ from helpers.claiming import OTHERS_AT, USABLE_AT, claiming
 from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo
 
 from lcp_catalog.cameras.sensor import Reduced, Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_choice import (
     NO_CLAIM,

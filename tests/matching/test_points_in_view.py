@@ -10,7 +10,7 @@ from helpers import many_points
 from helpers.posed import camera
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.point_choice import points_in_view
 

@@ -17,7 +17,7 @@ from helpers.suns import light
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.consensus import Consensus

@@ -14,7 +14,7 @@ import pytest
 from helpers import located_frames as frames
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, locate
 

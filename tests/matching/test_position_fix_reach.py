@@ -13,7 +13,7 @@ from helpers.small_world import LAW, World, overhead
 from helpers.suns import light
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.common_errors import SharedTerrain
 from lcp_catalog.matching.consensus import Consensus

@@ -16,7 +16,7 @@ from helpers.posed import HADLEY, camera, ground, turned
 from scipy.optimize import least_squares
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice

@@ -11,7 +11,7 @@ from helpers import catalogs
 from helpers.navigable import everywhere_usable
 from helpers.posed import camera
 
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.ephemeris.times import instant_range

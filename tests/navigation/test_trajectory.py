@@ -15,7 +15,9 @@ from helpers.posed import camera
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CameraError, OutputError, SunError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice

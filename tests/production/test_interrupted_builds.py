@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from helpers.small_build import CONFIG, DEM
 
-from lcp_catalog.catalog.hdf5 import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, OutputError, OutputExistsError
 from lcp_catalog.production import run
 from lcp_catalog.production.area_job import AreaJob, AreaResult

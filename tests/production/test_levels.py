@@ -15,7 +15,7 @@ from helpers.two_dems import COARSE_M, CONFIG, FINE_M, SITE_KM, two_dems
 from lcp_cli.main import run as command
 
 from lcp_catalog.catalog.comparison import compare
-from lcp_catalog.catalog.hdf5 import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaError, AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Status
 from lcp_catalog.production import estimate as build_estimate

@@ -13,8 +13,8 @@ from helpers import catalogs, merges
 from helpers.small_build import CONFIG, DEM
 from scipy.ndimage import map_coordinates
 
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare_catalogs
-from lcp_catalog.catalog.hdf5 import Catalog, verify, write_catalog
 from lcp_catalog.catalog.model import Promise
 from lcp_catalog.catalog.origins import Origin, origins
 from lcp_catalog.catalog.promise import kept_promise, promise_rows
@@ -22,7 +22,8 @@ from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import Cause, usable
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
 from lcp_catalog.catalog.summary import describe
-from lcp_catalog.catalog.verification import all_problems
+from lcp_catalog.catalog.verification import all_problems, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig

@@ -11,9 +11,9 @@ import pytest
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.hdf5 import open_catalog, verify
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.catalog.schema import NO_CELL, Cause
+from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.landmarks.selection import stable_id

@@ -14,7 +14,7 @@ import pytest
 from helpers.products import DEGREE_M, geotiff
 from helpers.small_build import CONFIG, DEM
 
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog, verify
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import (
     DETECTION_STEP,
     EVALUATED,
@@ -24,6 +24,7 @@ from lcp_catalog.catalog.schema import (
     UNSHADOWED,
     USABLE,
 )
+from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.error_maps import height_errors
 from lcp_catalog.dem.mosaic import DemSet

@@ -20,7 +20,8 @@ from scipy import ndimage
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.view import looking_camera
-from lcp_catalog.catalog.hdf5 import Catalog, write_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.ephemeris.solar_position import sun_direction_at, sun_distance_m

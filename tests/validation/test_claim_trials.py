@@ -11,7 +11,7 @@ from helpers.claiming import claiming
 from helpers.match_frames import GSD_M, LAW, hadley_camera, hadley_catalog, hadley_photo, taken
 
 from lcp_catalog.cameras.sensor import ground_errors_m, pixel_size_m
-from lcp_catalog.catalog.hdf5 import Catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.matches import CODE

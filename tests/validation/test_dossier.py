@@ -13,7 +13,7 @@ from helpers.pages import parsed
 from helpers.posed import camera
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.hdf5 import write_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import ConfigError, OutputError
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.expected_position import Answer, Query, answers

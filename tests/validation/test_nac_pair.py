@@ -16,7 +16,8 @@ from helpers.small_world import mirrored
 
 from benchmarks.evidence.dequantise import smooth_terraces
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice

@@ -11,8 +11,9 @@ from helpers import many_points
 from helpers.twins_match import looking_at
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.catalog.hdf5 import open_catalog, write_catalog
 from lcp_catalog.catalog.model import StoredArray, held
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.position_fix import Options

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from lcp_catalog.cameras.camera_file import read_camera
-from lcp_catalog.catalog.hdf5 import Catalog, open_catalog
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import USABLE
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.images.image_file import ImageOptions, open_image
 from lcp_catalog.matching.point_choice import points_in_view

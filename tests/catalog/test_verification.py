@@ -17,7 +17,8 @@ import xarray
 from helpers import catalogs
 
 from lcp_catalog.catalog import content, schema
-from lcp_catalog.catalog.hdf5 import open_catalog, verify, write_catalog
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputExistsError
 from lcp_catalog.landmarks.selection import Status
 
