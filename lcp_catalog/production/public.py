@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_paths
-from .config import AreaConfig, BuildConfig
+from .config import BuildConfig
 from .merging import MergeReport, merge_catalogs
 from .run import Build, BuildReport, BuildRun, Progress
 
@@ -27,20 +26,15 @@ def planned_build(
     config = config or BuildConfig()
     if isinstance(config, Path | str):
         config = BuildConfig.from_toml(Path(config))
-    if center_deg is not None or bounds_deg is not None:
-        area = AreaConfig(tuple(center_deg or ()), size_km, tuple(bounds_deg or ()))
-        cells = config.area
-        area = dataclasses.replace(cells, **{n: getattr(area, n) for n in _REGION})
-        config = dataclasses.replace(config, area=area)
-    if gsd_m is not None:
-        config = dataclasses.replace(config, area=dataclasses.replace(config.area, gsd_m=gsd_m))
-    if isinstance(dem, DemSet) and dem.order:
-        own = dataclasses.replace(config.dem, product_order=dem.order)
-        config = dataclasses.replace(config, dem=own)
+    given: dict[str, object] = {
+        "area.center_deg": None if center_deg is None else tuple(center_deg),
+        "area.size_km": size_km,
+        "area.bounds_deg": None if bounds_deg is None else tuple(bounds_deg),
+        "area.gsd_m": gsd_m,
+        "dem.product_order": (isinstance(dem, DemSet) and dem.order) or None,
+    }
+    config = config.replaced({name: value for name, value in given.items() if value is not None})
     return Build.plan(dem_paths(dem), config, memory_gb)
-
-
-_REGION = ("center_deg", "size_km", "bounds_deg")
 
 
 def build_catalog(
