@@ -51,6 +51,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
     problems: list[str] = []
     shapes: dict[str, tuple[int, ...]] = {}
     step, wanted = _sigma_step(file), variables(file)
+    dims: dict[int, str] = {}
     for group, members in (GROUPS | {INTEGRITY: {TABLE: DIGESTS}}).items():
         place = _member(file, group) if group else file
         if place is None and group in OPTIONAL_GROUPS:
@@ -74,7 +75,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                     group, short, members[short], step, _projection(place)
                 )
                 faults = [
-                    *_type_faults(dataset, members[short]),
+                    *_type_faults(dataset, members[short], dims),
                     *_attribute_faults(dataset, expected),
                 ]
                 faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
@@ -247,13 +248,13 @@ def _sigma_step(file: h5py.File) -> float:
         return 1.0
 
 
-def _type_faults(dataset: h5py.Dataset, variable: Variable) -> Iterator[str]:
-    """Faults of the type and the dimensions."""
+def _type_faults(dataset: h5py.Dataset, variable: Variable, names: dict[int, str]) -> Iterator[str]:
+    """Faults of the type and the dimensions, whose known ``names`` `dimensions` takes."""
     text = h5py.check_string_dtype(dataset.dtype)
     kind = TEXT if text is not None and text.length else dataset.dtype.str.lstrip("<|")
     if kind != variable.dtype:
         yield f"holds {_shown(kind)} instead of {variable.dtype}"
-    if (dims := dimensions(dataset)) != variable.dims:
+    if (dims := dimensions(dataset, names)) != variable.dims:
         wanted = ", ".join(variable.dims)
         yield f"has the dimensions ({', '.join(map(_shown, dims))}) instead of ({wanted})"
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -60,12 +60,17 @@ def chunk_digest(stored: bytes, filter_mask: int = 0) -> bytes:
 
 def content_digest(file: h5py.File, table: Bytes) -> str:
     """The digest of an open file's content with this table of chunks (n, 32)."""
+    return _digest(_members(file), table)
+
+
+def _digest(members: Iterable[tuple[str, Any]], table: Bytes) -> str:
     variables, groups = {}, {}
-    for path, member in _members(file):
+    names: dict[int, str] = {}
+    for path, member in members:
         if isinstance(member, h5py.Group):
             groups[path] = _attributes(member)
         else:
-            variables[path] = _described(member)
+            variables[path] = _described(member, names)
     content = {
         "groups": groups,
         "variables": variables,
@@ -101,7 +106,7 @@ def _plain(value: Any) -> Any:
     return [array.dtype.str, list(array.shape), array.tobytes().hex()]
 
 
-def _described(dataset: h5py.Dataset) -> dict[str, Any]:
+def _described(dataset: h5py.Dataset, names: dict[int, str]) -> dict[str, Any]:
     stored = dataset.id.get_create_plist()
     text = h5py.check_string_dtype(dataset.dtype)
     return {
@@ -109,17 +114,39 @@ def _described(dataset: h5py.Dataset) -> dict[str, Any]:
         "shape": list(dataset.shape),
         "chunks": list(dataset.chunks or ()),
         "filters": [stored.get_filter(k)[0] for k in range(stored.get_nfilters())],
-        "dimensions": list(dimensions(dataset)),
+        "dimensions": list(dimensions(dataset, names)),
         "attributes": _attributes(dataset),
     }
 
 
-def dimensions(dataset: h5py.Dataset) -> tuple[str, ...]:
-    """Names of the dimensions of a variable, which are those of the coordinates it refers to."""
+def dimensions(dataset: h5py.Dataset, names: dict[int, str]) -> tuple[str, ...]:
+    """Names of the dimensions of a variable, which are those of the coordinates it refers to. ``names``: those that
+    are known by the coordinate's address in the file, to which others are added: HDF5 looks through the file
+    for each.
+    """
     if dataset.is_scale:
-        return (str(dataset.name).rpartition("/")[2],)
-    axes = (dim[0].name if len(dim) else "?" for dim in dataset.dims)
-    return tuple(str(name).rpartition("/")[2] for name in axes)
+        return (_name(dataset.id),)
+    found = []
+    for axis in range(len(dataset.shape)):
+        scales: list[
+            Any
+        ] = []  # the first alone; h5py breaks on an error in the function that it calls
+        if h5py.h5ds.get_num_scales(dataset.id, axis):
+            h5py.h5ds.iterate(dataset.id, axis, lambda one, into=scales: into.append(one) or 1, 0)
+        found.append(_known_name(scales[0], names) if scales else "?")
+    return tuple(found)
+
+
+def _known_name(scale: Any, names: dict[int, str]) -> str:
+    address = int(h5py.h5o.get_info(scale).addr)
+    if address not in names:
+        names[address] = _name(scale)
+    return names[address]
+
+
+def _name(member: Any) -> str:
+    """The last part of the path of HDF5's object."""
+    return str(h5py.h5i.get_name(member).decode(errors="surrogateescape")).rpartition("/")[2]
 
 
 @dataclass(frozen=True)
@@ -182,10 +209,14 @@ def chunk_grids(
 
 def file_grids(file: h5py.File) -> dict[str, ChunkGrid]:
     """The chunks of the variables of an open file, but those of the table itself."""
+    return _grids(_members(file))
+
+
+def _grids(members: Iterable[tuple[str, Any]]) -> dict[str, ChunkGrid]:
     return chunk_grids(
         {
             path: (member.shape, member.chunks)
-            for path, member in _members(file)
+            for path, member in members
             if isinstance(member, h5py.Dataset) and member.chunks and path != f"{INTEGRITY}/{TABLE}"
         }
     )
@@ -198,12 +229,13 @@ class ChunkDigests:
     """
 
     def __init__(self, file: h5py.File) -> None:
-        self.grids = file_grids(file)
+        members = list(_members(file))
+        self.grids = _grids(members)
         self._table: Bytes = np.asarray(file[f"{INTEGRITY}/{TABLE}"][()])
         count = sum(map(len, self.grids.values()))
         if self._table.shape != (count, DIGEST_BYTES):
             raise CatalogError(f"{INTEGRITY}/{TABLE}: has not a digest for each of {count} chunks")
-        if content_digest(file, self._table) != file.attrs[CONTENT]:
+        if _digest(members, self._table) != file.attrs[CONTENT]:
             raise CatalogError(
                 f"{CONTENT}: the content is not what was written (damaged or edited)"
             )
@@ -229,7 +261,8 @@ class ChunkDigests:
             if path in but:
                 continue
             numbers = range(grid.first, grid.first + len(grid))
-            wrong = sum(not self._is_intact(file[path], grid, number) for number in numbers)
+            dataset = file[path]
+            wrong = sum(not self._is_intact(dataset, grid, number) for number in numbers)
             if wrong:
                 yield f"{path}: {wrong} of {len(grid)} chunks are not what was written (damaged or edited)"
 
