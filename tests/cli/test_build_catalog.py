@@ -126,23 +126,23 @@ def test_list_parts_names_missing_areas(
     assert [p.name for p in tmp_path.iterdir()] == ["build.toml"]
 
 
-def test_messages_are_json_lines(tmp_path: Path, config: str) -> None:
+def test_messages_are_json_lines(
+    tmp_path: Path, config: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Of a whole build: progress and the result."""
     small = [DEM, "-o", str(tmp_path / "x.h5"), "--config", config, "--center", "3.5", "26"]
-    done = subprocess.run(
-        lcp("build-catalog", *small, "--size", "12", "--jobs", "1", "--log-format", "json"),
-        capture_output=True,
-        text=True,
-        check=True,
+    assert (
+        run(["build-catalog", *small, "--size", "12", "--jobs", "1", "--log-format", "json"]) == 0
     )
-    events = [json.loads(line) for line in done.stderr.splitlines()]
+    printed = capfd.readouterr()
+    events = [json.loads(line) for line in printed.err.splitlines()]
     assert [event["event"] for event in events if event["event"] != "log"] == [
         "progress",
         "progress",
         "done",
     ]
     assert events[-1]["areas"] == 1
-    assert done.stdout == ""
+    assert printed.out == ""
 
 
 def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -286,24 +286,25 @@ def _wait_for_end_of_group(group: int, seconds: float) -> None:
         time.sleep(0.05)
 
 
-def test_a_file_that_cannot_grow_is_one_line(tmp_path: Path, config: str) -> None:
+def test_a_file_that_cannot_grow_is_one_line(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A limit on file sizes stands for the full disk: both come back from the system when a file is written.
 
     The limit lets the areas' files pass and meets the catalogue.
     """
     output = tmp_path / "x.h5"
-    done = subprocess.run(
-        lcp("build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "1"),
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-        preexec_fn=lambda: (
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN),
-            resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000)),
-        ),
-    )
-    assert done.returncode == 1
-    assert "cannot be written" in done.stderr
-    assert "Traceback" not in done.stderr
+    line = ["build-catalog", DEM, "-o", str(output), "--config", config, "--jobs", "1"]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    assert signal.getsignal(signal.SIGXFSZ) == signal.SIG_IGN  # Python's own choice
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limits[1]))
+    try:
+        code = run(line)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert code == 1
+    error = capsys.readouterr().err
+    assert "cannot be written" in error
+    assert "Traceback" not in error
     assert not output.exists()
     assert not [p for p in tmp_path.iterdir() if p.name.startswith(".")]

@@ -50,6 +50,7 @@ def heights(path: Path, bounds: tuple[float, ...] | None = None) -> np.ndarray:
         return file.read(1, window=window).astype(float)
 
 
+@pytest.mark.slow
 def test_the_made_dems_continue_the_sample(folder: Path) -> None:
     """The heights of the sample at the border, and everywhere its waves of several kilometres; else within its
     errors.
@@ -66,6 +67,7 @@ def test_the_made_dems_continue_the_sample(folder: Path) -> None:
     assert np.std(means(off, 48)) < 8.0  # over 5.7 km
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("names", [("made_59m", "made_30m"), ("made_30m", "made_15m")])
 def test_finer_made_dems_have_the_means_of_coarser_ones(
     folder: Path, names: tuple[str, str]
@@ -76,6 +78,7 @@ def test_finer_made_dems_have_the_means_of_coarser_ones(
     np.testing.assert_allclose(means(heights(fine), 2), heights(coarse, bounds), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_every_level_of_the_tutorial_is_resolved(folder: Path) -> None:
     config = tomllib.loads((ROOT / "docs/examples/descent.toml").read_text(encoding="utf-8"))
     dems = [Dem.open(path) for path in (SAMPLE, *sorted(folder.glob("made_*m.tif")))]

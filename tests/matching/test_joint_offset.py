@@ -278,7 +278,14 @@ def test_what_is_too_far_is_not_sought() -> None:
 # -- not located
 
 
-@pytest.mark.parametrize("how", ["left-right", "up-down", "90", "180", "270"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        "left-right",
+        "90",
+        *(pytest.param(h, marks=pytest.mark.slow) for h in ("up-down", "180", "270")),
+    ],
+)
 def test_turned_or_mirrored_it_is_no_place(how: str) -> None:
     answer = locate(points(), believed(mirrored(faint(clear(), 0, 3.0), how)), UNCERTAIN, LAW)
     assert answer.verdict == NOT_HERE
@@ -300,7 +307,7 @@ def under_its_own_sun() -> JointOffset | None:
     return together(believed(faint(clear(), 0, 3.0)))
 
 
-@pytest.mark.parametrize("turn", [-45.0, 45.0, 90.0])
+@pytest.mark.parametrize("turn", [-45.0, pytest.param(45.0, marks=pytest.mark.slow), 90.0])
 def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
     """Where the place is significant at all, another Sun correlates better."""
     photo = believed(faint(clear(), 0, 3.0))

@@ -235,7 +235,14 @@ def test_the_same_again_is_the_same(points: Catalog, photo: Image) -> None:
 # -- not believed
 
 
-@pytest.mark.parametrize("how", ["left-right", "up-down", "90", "180", "270"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        "left-right",
+        "90",
+        *(pytest.param(h, marks=pytest.mark.slow) for h in ("up-down", "180", "270")),
+    ],
+)
 def test_a_turned_or_mirrored_image_is_no_place(points: Catalog, photo: Image, how: str) -> None:
     answer = locate(points, believed(mirrored(photo, how)), UNCERTAIN, LAW, QUICK)
     assert answer.verdict == NOT_HERE
@@ -253,7 +260,9 @@ def test_another_place_is_not_this_one(points: Catalog) -> None:
     assert not far.matches.found.any()
 
 
-@pytest.mark.parametrize("turn", [-20.0, -10.0, 10.0, 20.0])
+@pytest.mark.parametrize(
+    "turn", [-10.0, 20.0, *(pytest.param(t, marks=pytest.mark.slow) for t in (-20.0, 10.0))]
+)
 def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Image, turn: float) -> None:
     lied = with_sun(believed(photo), points.position_mcmf, turn, 0.0)
     answer = locate(points, lied, UNCERTAIN, LAW)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -113,9 +114,14 @@ print(parallel._is_initialized, "lcp_catalog.production.area_job" in sys.modules
 
 
 @pytest.mark.skipif(not executor.FORKED, reason="workers are spawned on this system")
-def test_a_killed_server_costs_no_result() -> None:
-    """It is killed while it is asked for the first worker, and while the workers run."""
+def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is killed while it is asked for the first worker, and while the workers run. The servers that replace it
+    import what these tasks need, and not all that an area needs.
+    """
     executor.start_early()
+    context = multiprocessing.get_context("forkserver")
+    monkeypatch.setattr(context, "set_forkserver_preload", lambda names: None)
+    monkeypatch.setattr(forkserver._forkserver, "_preload_modules", [executor.__name__, "pytest"])
     first = forkserver._forkserver._forkserver_pid
     os.kill(first, signal.SIGSTOP)  # it accepts a connection and does not answer
     killer = threading.Timer(0.5, os.kill, (first, signal.SIGKILL))

@@ -104,8 +104,9 @@ def test_a_plan_states_the_memory_of_the_process_that_merges(tmp_path: Path) -> 
     assert 0.85 < stated / peak < 1.15
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiled")
-@pytest.mark.parametrize("cluster", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("cluster", [False, True])
 def test_a_plan_states_the_memory_of_a_worker(cluster: bool) -> None:
     """A cluster's workers import the package themselves."""
     jobs = Build.plan([DEM], CONFIG).jobs
