@@ -8,6 +8,7 @@ SECTIONS = {
     "kills": "processes of a build get signals at random moments",
     "disks": "full disks, replaced and cut inputs, two builds of one output, wrong bits in checkpoints",
     "damage": "catalogues and checkpoints with changed bytes",
+    "calls": "every system call on a command's files fails once",
     "fuzz": "every parser, given files with random damage",
 }
 

@@ -1,0 +1,210 @@
+"""Every system call on the files of a command fails once.
+
+    python -m benchmarks.faults calls [--only NAME...] [--kinds KIND...] [--spread N] [--malloc 300] [--jobs 2]
+
+For each command of `lcp` on small inputs, each kind of call (`failing.KINDS`) and each call of it: the call fails
+in a run of the command. Afterwards the inputs must be as they were; the output must not be there, or be the
+old one, or be the whole new one; the exit code must be 0 with a whole output, or 1 with one line; and the next
+try must succeed. Prints a table by command and kind: whole outputs + refusals / calls that were made to fail.
+Memory that cannot be had (``--malloc`` calls for each command, spread evenly) may end a process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from lcp_cli.main import run
+
+from benchmarks.faults import commands, failing
+
+MALLOC = ("query", "inspect", "export .gpkg", "render", "merge")
+"""Commands of which memory is made to fail."""
+CHANGING = ("write", "rename", "unlink", "fsync")
+"""Kinds of calls that also fail in runs that replace an old output."""
+
+
+def main(words: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(
+        "python -m benchmarks.faults calls",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        choices=[*commands.COMMANDS],
+        default=[*commands.COMMANDS],
+    )
+    parser.add_argument("--kinds", nargs="+", choices=[*failing.KINDS], default=[*failing.KINDS])
+    parser.add_argument(
+        "--spread",
+        type=int,
+        metavar="N",
+        help="at most N calls of each kind and error, spread evenly; default: all",
+    )
+    parser.add_argument(
+        "--malloc",
+        type=int,
+        default=300,
+        metavar="N",
+        help="calls for memory that fail, of each command that is tried so",
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="commands that are tried at once")
+    given = parser.parse_args(words)
+    with tempfile.TemporaryDirectory() as name:
+        if "failing_calls" not in os.environ.get("LD_PRELOAD", ""):
+            return failing.preloaded("benchmarks.faults", ["calls", *words], Path(name))
+        return _tried(given, Path(os.path.realpath(name)))
+
+
+def _tried(given: argparse.Namespace, folder: Path) -> int:
+    """Try the commands in processes of their own; print the table."""
+    inputs = folder / "inputs"
+    inputs.mkdir()
+    _wait(_forked(partial(commands.prepare, inputs)))
+    running: dict[int, str] = {}
+    left = sorted(given.only, key=lambda name: not commands.COMMANDS[name].cold)
+    failed: list[str] = []
+    while left or running:
+        if left and len(running) < given.jobs:
+            name = left.pop(0)
+            running[_forked(partial(_try, name, given, folder))] = name
+            continue
+        process, status = os.wait()
+        name = running.pop(process)
+        if status:
+            failed.append(name)
+    rows = [
+        (folder / f"{_file(name)}.row").read_text()
+        for name in given.only
+        if (folder / f"{_file(name)}.row").exists()
+    ]
+    print("\n| command | " + " | ".join(given.kinds) + " |\n| --- |" + " ---: |" * len(given.kinds))
+    print("".join(rows), end="")
+    print(f"wrong: {failed or 'nothing'}")
+    return 1 if failed else 0
+
+
+def _forked(function: Callable[[], object]) -> int:
+    """A process that runs a function; exit code 0 if it returns anything but False."""
+    process = os.fork()
+    if process:
+        return process
+    code = 1
+    try:
+        code = int(function() is False)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        os._exit(code)
+
+
+def _wait(process: int) -> None:
+    if os.waitpid(process, 0)[1]:
+        raise SystemExit("the inputs cannot be made")
+
+
+def _file(name: str) -> str:
+    return re.sub(r"\W+", "_", name)
+
+
+def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
+    """Try a command; write its row of the table. True if nothing was wrong."""
+    words = commands.COMMANDS[name]
+    attempts = failing.Attempts(folder / _file(name))
+    command = partial(run, words.line.split())
+    inputs = words.inputs(folder / "inputs")
+    if not words.cold:
+        _warm(attempts, command, inputs)
+    trial = failing.Trial.of(
+        attempts,
+        command,
+        partial(run, [*words.line.split(), *words.again.split()]),
+        inputs,
+        words.together,
+    )
+    found: dict[str, Counter[str]] = {kind: Counter() for kind in given.kinds}
+    start = time.monotonic()
+    for old in (False, True) if trial.whole and "--overwrite" in words.again else (False,):
+        if old:
+            trial = trial.over_old(partial(run, [*words.line.split(), "--overwrite"]))
+        calls = trial.calls(
+            attempts, "malloc" if name in MALLOC and "malloc" in given.kinds else ""
+        )
+        for fault in _faults(calls, given, old):
+            outcome, ended = trial.outcome(attempts, fault)
+            good = outcome in ("whole", "refused", "ended", "not reached")
+            found[fault.kind][outcome if good else "wrong"] += 1
+            if not good:
+                print(
+                    f"{name}{' --overwrite' if old else ''}: {fault} ({ended.failed}): {outcome}",
+                    flush=True,
+                )
+    cells = [_cell(found[kind]) for kind in given.kinds]
+    (folder / f"{_file(name)}.row").write_text(f"| `{name}` | {' | '.join(cells)} |\n")
+    print(
+        f"{name}: {sum((sum(one.values()) for one in found.values()))} calls, {time.monotonic() - start:.0f} s",
+        file=sys.stderr,
+        flush=True,
+    )
+    return not any(one["wrong"] for one in found.values())
+
+
+def _warm(attempts: failing.Attempts, command: Callable[[], int], inputs: failing.Content) -> None:
+    """Run the command here, so that later runs need not import anything; what it prints is lost."""
+    place = attempts.place(inputs)
+    kept = [os.dup(number) for number in (1, 2)]
+    with open(os.devnull, "w") as nothing:
+        for number in (1, 2):
+            os.dup2(nothing.fileno(), number)
+    os.chdir(place)
+    command()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    for number, own in zip((1, 2), kept, strict=True):
+        os.dup2(own, number)
+        os.close(own)
+    os.chdir(attempts.folder)
+    shutil.rmtree(place)
+
+
+def _faults(
+    calls: Mapping[str, int], given: argparse.Namespace, old: bool
+) -> Iterator[failing.Fault]:
+    for kind in given.kinds:
+        if old and kind not in CHANGING:
+            continue
+        most = given.malloc if kind == "malloc" else given.spread
+        numbers = np.arange(1, calls[kind] + 1)
+        if most is not None and most < len(numbers):
+            numbers = np.unique(np.linspace(1, calls[kind], most).round().astype(int))
+        for error, how in failing.KINDS[kind]:
+            for nth in numbers.tolist():
+                yield failing.Fault(kind, nth, error, how)
+
+
+def _cell(found: Counter[str]) -> str:
+    """Whole outputs + refusals (+ processes that ended for want of memory) / tried; and what was wrong."""
+    tried = sum(found.values()) - found["not reached"]
+    if not tried:
+        return ""
+    parts = [found["whole"], found["refused"], *([found["ended"]] if found["ended"] else [])]
+    return (
+        " + ".join(map(str, parts))
+        + f" / {tried}"
+        + (f", wrong {found['wrong']}" if found["wrong"] else "")
+    )

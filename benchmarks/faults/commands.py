@@ -1,0 +1,127 @@
+"""Small inputs, and one or more runs of every command of `lcp` on them."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from lcp_cli.main import run
+
+from benchmarks.places import DEM, SAMPLE
+from lcp_catalog.catalog.writing import write_catalog
+from lcp_catalog.choices import EXPORTS
+from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
+from tests.helpers import (
+    archive_products,
+    catalogs,
+    merges,
+    navigable,
+    posed,
+    products,
+    real_heights,
+    twins_match,
+)
+
+BUILD = """\
+area = { center_deg = [3.5, 26.0], size_km = 25.0, gsd_m = 474.0 }
+sun = { azimuths_deg = [90.0, 270.0], elevations_deg = [10.0, 30.0] }
+view = { off_nadir_deg = [0.0], azimuth_deg = [0.0], altitude_km = [inf] }
+points = { patch_nodes = 17, search_m = 5000.0 }
+model = { accuracy = "draft", direction_tolerance_deg = 1.0, ring_max_km = 20.0 }
+"""
+
+
+@dataclass(frozen=True)
+class Words:
+    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``cold``: it
+    starts processes of its own, so that each run begins without any that an earlier one started. ``together``: its
+    files appear together or not at all.
+    """
+
+    line: str
+    others: tuple[str, ...] = ()
+    again: str = "--overwrite"
+    cold: bool = False
+    together: bool = False
+
+    def inputs(self, folder: Path) -> dict[str, bytes]:
+        """Its input files by name."""
+        names = [*self.line.split(), *self.others]
+        return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
+
+
+_SUN = "--sun-azimuth 100 --sun-elevation 17"
+_TILE = "SLDEM2015_512_00N_30N_000_045"
+_BUILD = "build-catalog dem.tif --config build.toml -o x.h5"
+_RENDER = f"render dem.tif -o r.tif --center 3.5 26 --size 8 --gsd 474 {_SUN}"
+COMMANDS = {
+    "sample": Words("sample folder"),
+    "dem info": Words(f"dem info dem.tif {_TILE}_FLOAT.LBL {_TILE}.LBL --json", (f"{_TILE}_FLOAT.IMG", f"{_TILE}.JP2"), ""),
+    "dem info --map": Words("dem info dem.tif --map map.png"),
+    "dem check": Words("dem check dem.tif", again=""),
+    "render": Words(f"{_RENDER} --preview p.png --depfile r.d"),
+    "sun": Words("sun --center 3.5 26 --dem dem.tif --gsd 474 --time 2026-01-27T02:00:00", again=""),
+    "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),
+    "build-catalog --jobs 2": Words(f"{_BUILD} --jobs 2", again="--resume --overwrite", cold=True),
+    "inspect": Words("inspect full.h5", again=""),
+    "report": Words("report full.h5 -o r.html"),
+    "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {_SUN}"),
+    "diff": Words("diff west.h5 east.h5 -o d.csv"),
+    **{f"export {ending}": Words(f"export full.h5 -o out{ending}", together=True) for ending in EXPORTS},
+    "merge": Words("merge west.h5 east.h5 -o m.h5"),
+    "validate": Words("validate patches.h5 frame.png --camera frame.json --attitude-sigma 0 -o v"),
+    "fit-reflectance": Words("fit-reflectance paint.csv -o paint.toml --chart paint.svg"),
+    "query": Words(f"query usable.h5 --camera camera.json -o q.csv {_SUN}"),
+    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv -o q.svg --json {_SUN}"),
+    "windows": Words("windows usable.h5 --center 3.5 26 --range 2026-01-27 2026-01-29 12h", again=""),
+    "simulate": Words("simulate dem.tif --camera frame.json --sun point --gsd 474 -o f.png"),
+    "trade": Words(
+        "trade dem.tif --config build.toml -o t --areas 1 --rounds 1", cold=True
+    ),
+}  # fmt: skip
+"""By name: the command, and what it is about where there are several of it."""
+
+
+def prepare(folder: Path) -> None:
+    """Write the inputs."""
+    products.cylinder(folder / "dem.tif", 2.25, 27.25, (160, 160), 64, real_heights.hadley)
+    (folder / "archive").mkdir()
+    for product in islice(archive_products.cylindrical_products(folder / "archive"), 2):
+        for path in product.opened_by:
+            path.rename(folder / path.name)
+    (folder / "build.toml").write_text(BUILD)
+    write_catalog(catalogs.full(6), folder / "full.h5")
+    every = merges.whole(16)
+    for name, (west, east) in {"west": (2.1, 3.7), "east": (3.3, 4.9)}.items():
+        write_catalog(merges.part(every, west, east), folder / f"{name}.h5")
+    write_catalog(navigable.everywhere_usable(20), folder / "usable.h5")
+    _frames(folder)
+    shutil.copy(SAMPLE / "goniometer_synthetic.csv", folder / "paint.csv")
+
+
+def _frames(folder: Path) -> None:
+    """A camera, a trajectory, and a simulated frame with its camera and the catalogue of its points."""
+    above = [posed.camera(EnuFrame(lon, 26.0)) for lon in (3.0, 4.0)]
+    (folder / "camera.json").write_text(json.dumps(above[0].to_json()))
+    lines = ["time_utc,x_m,y_m,z_m,r11,r12,r13,r21,r22,r23,r31,r32,r33"]
+    for k, one in enumerate(above):
+        numbers = [*one.position_mcmf_m, *one.rotation_mcmf_to_camera.ravel()]
+        lines.append(f"2026-01-27T02:00:0{k}," + ",".join(map(repr, map(float, numbers))))
+    (folder / "way.csv").write_text("\n".join(lines) + "\n")
+    centre, along = (3.6, 26.1), np.linspace(-0.3, 0.3, 4)
+    lon, lat = (grid.ravel() for grid in np.meshgrid(centre[0] + 1.1 * along, centre[1] + along))
+    write_catalog(twins_match.catalog_of_dem(lon, lat, 33, 118.45, DEM), folder / "patches.h5")
+    camera = twins_match.looking_at(
+        EnuFrame(*centre, -1500.0), 60e3, 12.0, 250.0, 35.0, 300.0, (120, 110)
+    )
+    sun = 1.5e11 * lonlat_to_mcmf(centre[0] + 65.0, 1.0) / 1737400.0
+    (folder / "frame.json").write_text(
+        json.dumps(camera.to_json() | {"sun_position_mcmf_m": sun.tolist()})
+    )
+    words = f"simulate {DEM} --camera {folder / 'frame.json'} -o {folder / 'frame.png'} --sun point --gsd 237 --accuracy draft"
+    if code := run(words.split()):
+        raise SystemExit(f"the frame cannot be simulated: exit {code}")

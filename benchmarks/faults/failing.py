@@ -1,0 +1,343 @@
+"""One system call on a command's files is made to fail (`failing_calls.c`), and what is left is judged.
+
+The process that judges has the library loaded from its start (`preloaded`). It runs a command once, so that all
+imports are made, and then forks a process for each call that shall fail.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import mmap
+import os
+import select
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from benchmarks.faults.processes import is_gone, wait_for
+
+KINDS = {
+    # kind of call: (error, how it fails), of which each is tried
+    "open": (("EIO", "once"), ("EMFILE", "once")),
+    "read": (("EIO", "once"), ("EINTR", "once"), ("EINTR", "short")),
+    "write": (("EIO", "once"), ("ENOSPC", "on"), ("EINTR", "once"), ("EINTR", "short")),
+    "rename": (("EIO", "once"), ("ENOSPC", "once")),
+    "unlink": (("EIO", "once"),),
+    "fsync": (("EIO", "once"), ("ENOSPC", "on")),
+    "ftruncate": (("EIO", "once"), ("ENOSPC", "on")),
+    "mmap": (("ENOMEM", "once"),),
+    "mkdir": (("EIO", "once"), ("ENOSPC", "once")),
+    "close": (("EIO", "once"),),
+    "malloc": (("ENOMEM", "once"),),
+}
+"""In the order of the library. "on": every later call of the kind fails, too, as on a full disk; "short": half
+of the bytes are moved, without an error.
+"""
+
+LONGEST_S = 60.0
+_STATE = struct.Struct("6q16q64s512s512s")
+_HOW = ("once", "on", "short")
+
+Content = dict[str, bytes]
+"""What files hold, by their names in a folder; of a folder nothing."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The ``nth`` call of a kind, counted from 1, fails."""
+
+    kind: str
+    nth: int
+    error: str
+    how: str
+
+    def __str__(self) -> str:
+        what = self.error if self.how != "short" else "half"
+        return f"{self.kind} {self.nth} {what}{' and later' if self.how == 'on' else ''}"
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended; ``calls``: of each kind; ``failed``: the call that failed, empty if none did."""
+
+    code: int
+    out: str
+    err: str
+    calls: Mapping[str, int]
+    failed: str
+    fault: str = ""
+
+
+def built(folder: Path) -> Path:
+    """The library, compiled into a folder. FileNotFoundError without a compiler."""
+    found = shutil.which("cc")
+    if found is None:
+        raise FileNotFoundError("there is no C compiler `cc`")
+    source, library = Path(__file__).with_name("failing_calls.c"), folder / "failing_calls.so"
+    options = ["-O2", "-Wall", "-Werror", "-fPIC", "-shared"]
+    subprocess.run([found, *options, "-o", library, source, "-ldl"], check=True)
+    return library
+
+
+def preloaded(module: str, words: Sequence[str], folder: Path) -> int:
+    """Run ``python -m module words`` with the library loaded before all others; its exit code."""
+    environment = os.environ | {
+        "LD_PRELOAD": str(built(folder)),
+        "NUMBA_THREADING_LAYER": "workqueue",
+    }
+    return subprocess.run(
+        [sys.executable, "-m", module, *words], env=environment, check=False
+    ).returncode
+
+
+class Attempts:
+    """Runs of commands in forks of this process, each in a folder of its own below ``folder``."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir()
+        self.count = 0
+        path = folder.with_suffix(".state")
+        path.write_bytes(bytes(_STATE.size))
+        os.environ["FAILING_CALLS_STATE"] = str(path)
+        with open(path, "r+b") as file:
+            self._state = mmap.mmap(file.fileno(), 0)
+        ctypes.CDLL(None).failing_calls_start()
+
+    def place(self, content: Content) -> Path:
+        """A new folder with files."""
+        self.count += 1
+        path = self.folder / f"{self.count:06d}"
+        path.mkdir()
+        for name, held in content.items():
+            (path / name).parent.mkdir(parents=True, exist_ok=True)
+            if name.endswith("/"):
+                (path / name).mkdir(exist_ok=True)
+            else:
+                (path / name).write_bytes(held)
+        return path
+
+    def run(self, command: Callable[[], int], place: Path, fault: Fault | None = None) -> Ended:
+        """A command in a process of its own that works in a folder."""
+        streams = [place.with_suffix(ending) for ending in (".out", ".err")]
+        self._write(place, fault)
+        process = os.fork()
+        if not process:
+            self._command(command, place, streams)
+        handle = os.pidfd_open(process)
+        late = not select.select([handle], [], [], LONGEST_S)[0]
+        os.close(handle)
+        if late:
+            os.killpg(process, signal.SIGABRT)
+        code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+        wrong = "it hangs" if late else ""
+        if not wait_for(lambda: is_gone(process), 5.0):
+            wrong = wrong or "processes are left"
+            os.killpg(process, signal.SIGKILL)
+        out, err = (stream.read_text(errors="replace") for stream in streams)
+        for stream in streams:
+            stream.unlink()
+        _, _, _, _, _, _, *rest = _STATE.unpack(self._state[:])
+        calls = dict(zip(KINDS, rest[: len(KINDS)], strict=True))
+        call, path = (text.rstrip(b"\0").decode(errors="replace") for text in rest[16:18])
+        failed = f"{call} {path.replace(str(place), '')}".strip()
+        return Ended(
+            code, out.replace(str(place), ""), err.replace(str(place), ""), calls, failed, wrong
+        )
+
+    def _write(self, place: Path, fault: Fault | None) -> None:
+        """Nothing is counted before `_command` sets the first number."""
+        numbers = [0] * 6
+        if fault is not None:
+            numbers[1:5] = (
+                list(KINDS).index(fault.kind), fault.nth, getattr(errno, fault.error), _HOW.index(fault.how)
+            )  # fmt: skip
+        else:
+            numbers[1] = len(KINDS)
+        self._state[:] = _STATE.pack(*numbers, *[0] * 16, b"", b"", os.fsencode(place))
+
+    def _command(self, command: Callable[[], int], place: Path, streams: Sequence[Path]) -> None:
+        code = 70
+        try:
+            os.setsid()
+            for number, stream in enumerate(streams, 1):
+                os.dup2(os.open(stream, os.O_CREAT | os.O_WRONLY | os.O_TRUNC), number)
+            os.chdir(place)
+            os.environ["TMPDIR"] = str(place)
+            self._state[:8] = struct.pack("q", 1)
+            code = command()
+            self._state[:8] = struct.pack("q", 0)
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except BaseException:
+            self._state[:8] = struct.pack("q", 0)
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+
+
+def content_of(folder: Path) -> Content:
+    """What a folder holds."""
+    found = sorted(folder.rglob("*"))
+    return {
+        f"{path.relative_to(folder)}{'/' if path.is_dir() else ''}": b"" if path.is_dir() else path.read_bytes()
+        for path in found
+    }  # fmt: skip
+
+
+@dataclass
+class Trial:
+    """A command, its inputs, what it writes and prints when nothing fails, and what stood there before."""
+
+    command: Callable[[], int]
+    again: Callable[[], int]
+    inputs: Content
+    whole: Content
+    loose: frozenset[str]
+    code: int
+    out: str
+    lines: frozenset[str]
+    together: bool
+    old: Content = field(default_factory=dict)
+    seen: dict[int, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        attempts: Attempts,
+        command: Callable[[], int],
+        again: Callable[[], int],
+        inputs: Content,
+        together: bool,
+    ) -> Trial:
+        """From two runs in which nothing fails; a file that differs between them is only looked for."""
+        ends, contents = [], []
+        for _ in range(2):
+            place = attempts.place(inputs)
+            ends.append(attempts.run(command, place))
+            contents.append(content_of(place))
+            shutil.rmtree(place)
+        first, second = (
+            {name: held for name, held in c.items() if name not in inputs} for c in contents
+        )
+        if first.keys() != second.keys() or ends[0].code not in (0, 4):
+            raise SystemExit(
+                f"without a fault: exit {ends[0].code}, {ends[0].err} {set(first) ^ set(second)}"
+            )
+        loose = frozenset(name for name in first if first[name] != second[name])
+        same = ends[0].out == ends[1].out
+        lines = frozenset(line for end in ends for line in end.err.splitlines())
+        return cls(
+            command,
+            again,
+            inputs,
+            first,
+            loose,
+            ends[0].code,
+            ends[0].out if same else "",
+            lines,
+            together,
+        )
+
+    def over_old(self, command: Callable[[], int]) -> Trial:
+        """The same where an old output stands, by a command that replaces it."""
+        old = {
+            name: held if name.endswith("/") else held + b"\n" for name, held in self.whole.items()
+        }
+        return replace(self, command=command, old=old, seen={})
+
+    def calls(self, attempts: Attempts, kind: str) -> Mapping[str, int]:
+        """Number of calls of each kind, where none fails; those for memory only where they are the ``kind``."""
+        place = attempts.place({**self.inputs, **self.old})
+        calls = attempts.run(
+            self.command, place, Fault(kind, 2**62, "EIO", "once") if kind else None
+        ).calls
+        shutil.rmtree(place)
+        return calls
+
+    def outcome(self, attempts: Attempts, fault: Fault) -> tuple[str, Ended]:
+        """ "whole", "refused" or "not reached"; for anything else what is wrong. And how the command ended."""
+        place = attempts.place({**self.inputs, **self.old})
+        ended = attempts.run(self.command, place, fault)
+        found = content_of(place)
+        wrong = (
+            ended.fault or self._wrong_end(ended, fault) or self._wrong_files(found, ended, fault)
+        )
+        if not wrong and ended.code != self.code:
+            wrong = self._wrong_next(attempts, place, found)
+        shutil.rmtree(place)
+        if wrong or not ended.failed:
+            return wrong or "not reached", ended
+        return (
+            "whole" if ended.code == self.code else "refused" if ended.code == 1 else "ended"
+        ), ended
+
+    def _wrong_end(self, ended: Ended, fault: Fault) -> str:
+        if ended.code == self.code:
+            return (
+                ""
+                if not self.out or ended.out == self.out
+                else f"exit {self.code}, but it prints {ended.out[:300]!r}"
+            )
+        if ended.code < 0 and fault.kind == "malloc":
+            return ""
+        if ended.code != 1:
+            return f"exit {ended.code}: {ended.err[-2000:]}"
+        own = [line for line in ended.err.splitlines() if line and line not in self.lines]
+        if len(own) != 1 or "unexpected" in own[0] or not own[0].startswith(("lcp: ", "Error: ")):
+            return f"not one line: {ended.err[-2000:]!r}"
+        return (
+            f"it prints {ended.out[:300]!r}"
+            if ended.out and not self.out.startswith(ended.out)
+            else ""
+        )
+
+    def _wrong_files(self, found: Content, ended: Ended, fault: Fault) -> str:
+        for name, held in self.inputs.items():
+            if found.get(name) != held:
+                return f"the input {name} is {'changed' if name in found else 'gone'}"
+        made = {name: held for name, held in found.items() if name not in self.inputs}
+        new = [self._is_whole(name, made.get(name)) for name in self.whole]
+        if ended.code == self.code and not all(new):
+            missing = [name for name, is_new in zip(self.whole, new, strict=True) if not is_new]
+            return f"exit {ended.code}, but not whole: {missing}"
+        torn = [
+            name
+            for name, is_new in zip(self.whole, new, strict=True)
+            if not is_new and made.get(name) != self.old.get(name)
+        ]
+        if torn or (self.together and any(new) and not all(new) and self.whole != self.old):
+            return f"neither old nor new: {torn or 'some of both'}"
+        left = [name for name in made if name not in self.whole and name not in self.old]
+        resumable = [name for name in left if ".parts/" in name]
+        if len(left) > len(resumable) and fault.kind != "unlink" and ended.code >= 0:
+            return f"left: {sorted(set(left) - set(resumable))}"
+        return ""
+
+    def _is_whole(self, name: str, held: bytes | None) -> bool:
+        if held is None or name in self.loose:
+            return held is not None and (name.endswith("/") or bool(held))
+        return held == self.whole[name]
+
+    def _wrong_next(self, attempts: Attempts, place: Path, found: Content) -> str:
+        """What is wrong with the next try; one for each content of the folder."""
+        if found == {**self.inputs, **self.old}:
+            return ""
+        key = hash(frozenset(found.items()))
+        if key not in self.seen:
+            ended = attempts.run(self.again, place)
+            after = content_of(place)
+            made = [name for name in self.whole if not self._is_whole(name, after.get(name))]
+            self.seen[key] = ""
+            if ended.code != self.code or made:
+                self.seen[key] = (
+                    f"the next try: exit {ended.code}, not whole {made}: {ended.err[-300:]!r}"
+                )
+        return self.seen[key]
