@@ -76,7 +76,7 @@ def _tried(given: argparse.Namespace, folder: Path) -> int:
     inputs.mkdir()
     _wait(_forked(partial(commands.prepare, inputs)))
     running: dict[int, str] = {}
-    left = sorted(given.only, key=lambda name: not commands.COMMANDS[name].cold)
+    left = sorted(given.only, key=lambda name: commands.COMMANDS[name].cold)
     failed: list[str] = []
     while left or running:
         if left and len(running) < given.jobs:
@@ -157,7 +157,7 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     cells = [_cell(found[kind]) for kind in given.kinds]
     (folder / f"{_file(name)}.row").write_text(f"| `{name}` | {' | '.join(cells)} |\n")
     print(
-        f"{name}: {sum((sum(one.values()) for one in found.values()))} calls, {time.monotonic() - start:.0f} s",
+        f"{name}: {sum(sum(one.values()) for one in found.values())} calls, {time.monotonic() - start:.0f} s",
         file=sys.stderr,
         flush=True,
     )

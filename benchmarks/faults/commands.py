@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.choices import EXPORTS
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from tests.helpers import (
-    archive_products,
+    archive_files,
     catalogs,
     merges,
     navigable,
@@ -55,14 +54,13 @@ class Words:
 
 
 _SUN = "--sun-azimuth 100 --sun-elevation 17"
-_TILE = "SLDEM2015_512_00N_30N_000_045"
 _BUILD = "build-catalog dem.tif --config build.toml -o x.h5"
 _RENDER = f"render dem.tif -o r.tif --center 3.5 26 --size 8 --gsd 474 {_SUN}"
 COMMANDS = {
     "sample": Words("sample folder"),
-    "dem info": Words(f"dem info dem.tif {_TILE}_FLOAT.LBL {_TILE}.LBL --json", (f"{_TILE}_FLOAT.IMG", f"{_TILE}.JP2"), ""),
+    "dem info": Words("dem info dem.tif LDEM_64.LBL --json", ("LDEM_64.IMG",), ""),
     "dem info --map": Words("dem info dem.tif --map map.png"),
-    "dem check": Words("dem check dem.tif", again=""),
+    "dem check": Words("dem check dem.tif LDEM_64.IMG", ("LDEM_64.LBL",), ""),
     "render": Words(f"{_RENDER} --preview p.png --depfile r.d"),
     "sun": Words("sun --center 3.5 26 --dem dem.tif --gsd 474 --time 2026-01-27T02:00:00", again=""),
     "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),
@@ -89,10 +87,12 @@ COMMANDS = {
 def prepare(folder: Path) -> None:
     """Write the inputs."""
     products.cylinder(folder / "dem.tif", 2.25, 27.25, (160, 160), 64, real_heights.hadley)
-    (folder / "archive").mkdir()
-    for product in islice(archive_products.cylindrical_products(folder / "archive"), 2):
-        for path in product.opened_by:
-            path.rename(folder / path.name)
+    frame = archive_files.cylinder_frame(2.25, 27.25, 160, 160, 64, 180.0)
+    scale = {"MAP_RESOLUTION": 64, "MAP_SCALE": f"{frame.pixel_m:.6g}"}
+    text = archive_files.archive_text("LDEM_128.LBL").replace("LDEM_128", "LDEM_64")
+    archive_files.img_product(
+        folder, "LDEM_64", "LDEM_64", text, frame, real_heights.hadley, False, **scale
+    )
     (folder / "build.toml").write_text(BUILD)
     write_catalog(catalogs.full(6), folder / "full.h5")
     every = merges.whole(16)

@@ -289,10 +289,10 @@ class Trial:
         if ended.code < 0 and fault.kind == "malloc":
             return ""
         if ended.code != 1:
-            return f"exit {ended.code}: {ended.err[-2000:]}"
+            return f"exit {ended.code}: {ended.err[-300:]!r} {ended.out[:300]!r}"
         own = [line for line in ended.err.splitlines() if line and line not in self.lines]
         if len(own) != 1 or "unexpected" in own[0] or not own[0].startswith(("lcp: ", "Error: ")):
-            return f"not one line: {ended.err[-2000:]!r}"
+            return f"not one line: {own}"
         return (
             f"it prints {ended.out[:300]!r}"
             if ended.out and not self.out.startswith(ended.out)

@@ -8,13 +8,12 @@ import itertools
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 import pytest
-from helpers.commands import refusal
+from helpers.commands import leaves, refusal
 from lcp_cli.files import FileCommand, InputFile, OutputFile
 from lcp_cli.main import cli
 
@@ -29,18 +28,6 @@ PLAIN = {
     "--range": "2026-01-01 2026-01-02 1d",
 }
 """Values of required options that are no files."""
-
-
-def leaves(group: click.Group, *path: str) -> Iterator[tuple[str, click.Command]]:
-    """All commands with their full names."""
-    context = click.Context(group)
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        if isinstance(command, click.Group):
-            yield from leaves(command, *path, name)
-        else:
-            yield " ".join((*path, name)), command
 
 
 COMMANDS = dict(leaves(cli))

@@ -1,7 +1,10 @@
-"""Runs of `lcp` that a command must refuse."""
+"""The commands of `lcp`, and runs that they must refuse."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+import click
 import pytest
 from lcp_cli.main import run
 
@@ -17,3 +20,15 @@ def refusal(arguments: list[str], code: int, capsys: pytest.CaptureFixture[str])
     lines = [line for line in error.splitlines() if line and not line.startswith(("Usage", "Try"))]
     assert len(lines) == 1, error
     return error
+
+
+def leaves(group: click.Group, *path: str) -> Iterator[tuple[str, click.Command]]:
+    """All commands with their full names."""
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        if isinstance(command, click.Group):
+            yield from leaves(command, *path, name)
+        else:
+            yield " ".join((*path, name)), command
