@@ -126,22 +126,15 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     """Try a command; write its row of the table. True if nothing was wrong."""
     words = commands.COMMANDS[name]
     attempts = failing.Attempts(folder / _file(name))
-    command = partial(run, words.line.split())
     inputs = words.inputs(folder / "inputs")
     if not words.cold:
-        _warm(attempts, command, inputs)
-    trial = failing.Trial.of(
-        attempts,
-        command,
-        partial(run, [*words.line.split(), *words.again.split()]),
-        inputs,
-        words.together,
-    )
+        _warm(attempts, words, inputs)
+    trial = failing.Trial.of(attempts, words, inputs)
     found: dict[str, Counter[str]] = {kind: Counter() for kind in given.kinds}
     start = time.monotonic()
     for old in (False, True) if trial.whole and "--overwrite" in words.again else (False,):
         if old:
-            trial = trial.over_old(partial(run, [*words.line.split(), "--overwrite"]))
+            trial = trial.over_old()
         calls = trial.calls(
             attempts, "malloc" if name in MALLOC and "malloc" in given.kinds else ""
         )
@@ -164,7 +157,7 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     return not any(one["wrong"] for one in found.values())
 
 
-def _warm(attempts: failing.Attempts, command: Callable[[], int], inputs: failing.Content) -> None:
+def _warm(attempts: failing.Attempts, words: failing.Words, inputs: failing.Content) -> None:
     """Run the command here, so that later runs need not import anything; what it prints is lost."""
     place = attempts.place(inputs)
     kept = [os.dup(number) for number in (1, 2)]
@@ -172,7 +165,7 @@ def _warm(attempts: failing.Attempts, command: Callable[[], int], inputs: failin
         for number in (1, 2):
             os.dup2(nothing.fileno(), number)
     os.chdir(place)
-    command()
+    run(words.line.split())
     sys.stdout.flush()
     sys.stderr.flush()
     for number, own in zip((1, 2), kept, strict=True):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from lcp_cli.main import run
 
+from benchmarks.faults.failing import Words
 from benchmarks.places import DEM, SAMPLE
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.choices import EXPORTS
@@ -34,25 +34,6 @@ model = { accuracy = "draft", direction_tolerance_deg = 1.0, ring_max_km = 20.0 
 """
 
 
-@dataclass(frozen=True)
-class Words:
-    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``cold``: it
-    starts processes of its own, so that each run begins without any that an earlier one started. ``together``: its
-    files appear together or not at all.
-    """
-
-    line: str
-    others: tuple[str, ...] = ()
-    again: str = "--overwrite"
-    cold: bool = False
-    together: bool = False
-
-    def inputs(self, folder: Path) -> dict[str, bytes]:
-        """Its input files by name."""
-        names = [*self.line.split(), *self.others]
-        return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
-
-
 _SUN = "--sun-azimuth 100 --sun-elevation 17"
 _BUILD = "build-catalog dem.tif --config build.toml -o x.h5"
 _RENDER = f"render dem.tif -o r.tif --center 3.5 26 --size 8 --gsd 474 {_SUN}"
@@ -60,21 +41,21 @@ COMMANDS = {
     "sample": Words("sample folder"),
     "dem info": Words("dem info dem.tif LDEM_64.LBL --json", ("LDEM_64.IMG",), ""),
     "dem info --map": Words("dem info dem.tif --map map.png"),
-    "dem check": Words("dem check dem.tif LDEM_64.IMG", ("LDEM_64.LBL",), ""),
+    "dem check": Words("dem check dem.tif LDEM_64.IMG", ("LDEM_64.LBL",), "", verdict=True),
     "render": Words(f"{_RENDER} --preview p.png --depfile r.d"),
     "sun": Words("sun --center 3.5 26 --dem dem.tif --gsd 474 --time 2026-01-27T02:00:00", again=""),
     "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),
     "build-catalog --jobs 2": Words(f"{_BUILD} --jobs 2", again="--resume --overwrite", cold=True),
-    "inspect": Words("inspect full.h5", again=""),
+    "inspect": Words("inspect full.h5", again="", verdict=True),
     "report": Words("report full.h5 -o r.html"),
     "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {_SUN}"),
     "diff": Words("diff west.h5 east.h5 -o d.csv"),
     **{f"export {ending}": Words(f"export full.h5 -o out{ending}", together=True) for ending in EXPORTS},
     "merge": Words("merge west.h5 east.h5 -o m.h5"),
-    "validate": Words("validate patches.h5 frame.png --camera frame.json --attitude-sigma 0 -o v"),
+    "validate": Words("validate patches.h5 frame.png --camera frame.json --dem dem.tif --attitude-sigma 0 -o v"),
     "fit-reflectance": Words("fit-reflectance paint.csv -o paint.toml --chart paint.svg"),
     "query": Words(f"query usable.h5 --camera camera.json -o q.csv {_SUN}"),
-    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv -o q.svg --json {_SUN}"),
+    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv --chart q.svg --json {_SUN}"),
     "windows": Words("windows usable.h5 --center 3.5 26 --range 2026-01-27 2026-01-29 12h", again=""),
     "simulate": Words("simulate dem.tif --camera frame.json --sun point --gsd 474 -o f.png"),
     "trade": Words(

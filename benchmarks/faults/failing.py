@@ -17,9 +17,11 @@ import struct
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+from lcp_cli.main import run
 
 from benchmarks.faults.processes import is_gone, wait_for
 
@@ -97,6 +99,26 @@ def preloaded(module: str, words: Sequence[str], folder: Path) -> int:
     ).returncode
 
 
+@dataclass(frozen=True)
+class Words:
+    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``cold``: it
+    starts processes of its own, so that each run begins without any that an earlier one started. ``together``: its
+    files appear together or not at all. ``verdict``: it says with exit code 4 that a file is damaged.
+    """
+
+    line: str
+    others: tuple[str, ...] = ()
+    again: str = "--overwrite"
+    cold: bool = False
+    together: bool = False
+    verdict: bool = False
+
+    def inputs(self, folder: Path) -> dict[str, bytes]:
+        """Its input files by name."""
+        names = [*self.line.split(), *self.others]
+        return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
+
+
 class Attempts:
     """Runs of commands in forks of this process, each in a folder of its own below ``folder``."""
 
@@ -124,13 +146,13 @@ class Attempts:
                 (path / name).write_bytes(held)
         return path
 
-    def run(self, command: Callable[[], int], place: Path, fault: Fault | None = None) -> Ended:
+    def run(self, words: str, place: Path, fault: Fault | None = None) -> Ended:
         """A command in a process of its own that works in a folder."""
         streams = [place.with_suffix(ending) for ending in (".out", ".err")]
         self._write(place, fault)
         process = os.fork()
         if not process:
-            self._command(command, place, streams)
+            self._command(words, place, streams)
         handle = os.pidfd_open(process)
         late = not select.select([handle], [], [], LONGEST_S)[0]
         os.close(handle)
@@ -163,7 +185,7 @@ class Attempts:
             numbers[1] = len(KINDS)
         self._state[:] = _STATE.pack(*numbers, *[0] * 16, b"", b"", os.fsencode(place))
 
-    def _command(self, command: Callable[[], int], place: Path, streams: Sequence[Path]) -> None:
+    def _command(self, words: str, place: Path, streams: Sequence[Path]) -> None:
         code = 70
         try:
             os.setsid()
@@ -172,7 +194,7 @@ class Attempts:
             os.chdir(place)
             os.environ["TMPDIR"] = str(place)
             self._state[:8] = struct.pack("q", 1)
-            code = command()
+            code = run(words.split())
             self._state[:8] = struct.pack("q", 0)
             sys.stdout.flush()
             sys.stderr.flush()
@@ -194,70 +216,51 @@ def content_of(folder: Path) -> Content:
 
 @dataclass
 class Trial:
-    """A command, its inputs, what it writes and prints when nothing fails, and what stood there before."""
+    """A command, its inputs, what it writes and prints when nothing fails, and what stands there before."""
 
-    command: Callable[[], int]
-    again: Callable[[], int]
+    words: Words
+    line: str
     inputs: Content
     whole: Content
     loose: frozenset[str]
-    code: int
-    out: str
-    lines: frozenset[str]
-    together: bool
+    ended: Ended
     old: Content = field(default_factory=dict)
     seen: dict[int, str] = field(default_factory=dict)
 
     @classmethod
-    def of(
-        cls,
-        attempts: Attempts,
-        command: Callable[[], int],
-        again: Callable[[], int],
-        inputs: Content,
-        together: bool,
-    ) -> Trial:
-        """From two runs in which nothing fails; a file that differs between them is only looked for."""
+    def of(cls, attempts: Attempts, words: Words, inputs: Content) -> Trial:
+        """From two runs in which nothing fails; of a file that differs between them only the name counts."""
         ends, contents = [], []
         for _ in range(2):
             place = attempts.place(inputs)
-            ends.append(attempts.run(command, place))
-            contents.append(content_of(place))
+            ends.append(attempts.run(words.line, place))
+            made = content_of(place)
+            contents.append({name: made[name] for name in made if name not in inputs})
             shutil.rmtree(place)
-        first, second = (
-            {name: held for name, held in c.items() if name not in inputs} for c in contents
-        )
+        first, second = contents
         if first.keys() != second.keys() or ends[0].code not in (0, 4):
-            raise SystemExit(
-                f"without a fault: exit {ends[0].code}, {ends[0].err} {set(first) ^ set(second)}"
-            )
+            raise SystemExit(f"without a fault: {ends[0]}, {set(first) ^ set(second)}")
         loose = frozenset(name for name in first if first[name] != second[name])
         same = ends[0].out == ends[1].out
-        lines = frozenset(line for end in ends for line in end.err.splitlines())
-        return cls(
-            command,
-            again,
-            inputs,
-            first,
-            loose,
-            ends[0].code,
-            ends[0].out if same else "",
-            lines,
-            together,
+        whole = replace(
+            ends[0],
+            out=ends[0].out if same else "",
+            err="\n".join(one.err for one in ends),
         )
+        return cls(words, words.line, inputs, first, loose, whole)
 
-    def over_old(self, command: Callable[[], int]) -> Trial:
-        """The same where an old output stands, by a command that replaces it."""
+    def over_old(self) -> Trial:
+        """The same where an old output stands, which the command replaces."""
         old = {
             name: held if name.endswith("/") else held + b"\n" for name, held in self.whole.items()
         }
-        return replace(self, command=command, old=old, seen={})
+        return replace(self, line=f"{self.line} --overwrite", old=old, seen={})
 
     def calls(self, attempts: Attempts, kind: str) -> Mapping[str, int]:
         """Number of calls of each kind, where none fails; those for memory only where they are the ``kind``."""
         place = attempts.place({**self.inputs, **self.old})
         calls = attempts.run(
-            self.command, place, Fault(kind, 2**62, "EIO", "once") if kind else None
+            self.line, place, Fault(kind, 2**62, "EIO", "once") if kind else None
         ).calls
         shutil.rmtree(place)
         return calls
@@ -265,37 +268,39 @@ class Trial:
     def outcome(self, attempts: Attempts, fault: Fault) -> tuple[str, Ended]:
         """ "whole", "refused" or "not reached"; for anything else what is wrong. And how the command ended."""
         place = attempts.place({**self.inputs, **self.old})
-        ended = attempts.run(self.command, place, fault)
+        ended = attempts.run(self.line, place, fault)
         found = content_of(place)
         wrong = (
             ended.fault or self._wrong_end(ended, fault) or self._wrong_files(found, ended, fault)
         )
-        if not wrong and ended.code != self.code:
+        if not wrong and ended.code != self.ended.code:
             wrong = self._wrong_next(attempts, place, found)
         shutil.rmtree(place)
         if wrong or not ended.failed:
             return wrong or "not reached", ended
         return (
-            "whole" if ended.code == self.code else "refused" if ended.code == 1 else "ended"
+            "whole" if ended.code == self.ended.code else "refused" if ended.code == 1 else "ended"
         ), ended
 
     def _wrong_end(self, ended: Ended, fault: Fault) -> str:
-        if ended.code == self.code:
+        if ended.code == self.ended.code:
             return (
                 ""
-                if not self.out or ended.out == self.out
-                else f"exit {self.code}, but it prints {ended.out[:300]!r}"
+                if not self.ended.out or ended.out == self.ended.out
+                else f"exit {self.ended.code}, but it prints {ended.out[:300]!r}"
             )
         if ended.code < 0 and fault.kind == "malloc":
             return ""
+        if ended.code == 4 and self.words.verdict and fault.kind == "read" and " NOT " in ended.out:
+            return ""
         if ended.code != 1:
             return f"exit {ended.code}: {ended.err[-300:]!r} {ended.out[:300]!r}"
-        own = [line for line in ended.err.splitlines() if line and line not in self.lines]
+        own = [line for line in ended.err.splitlines() if line and line not in self.ended.err]
         if len(own) != 1 or "unexpected" in own[0] or not own[0].startswith(("lcp: ", "Error: ")):
             return f"not one line: {own}"
         return (
             f"it prints {ended.out[:300]!r}"
-            if ended.out and not self.out.startswith(ended.out)
+            if ended.out and not self.ended.out.startswith(ended.out)
             else ""
         )
 
@@ -305,7 +310,7 @@ class Trial:
                 return f"the input {name} is {'changed' if name in found else 'gone'}"
         made = {name: held for name, held in found.items() if name not in self.inputs}
         new = [self._is_whole(name, made.get(name)) for name in self.whole]
-        if ended.code == self.code and not all(new):
+        if ended.code == self.ended.code and not all(new):
             missing = [name for name, is_new in zip(self.whole, new, strict=True) if not is_new]
             return f"exit {ended.code}, but not whole: {missing}"
         torn = [
@@ -313,7 +318,8 @@ class Trial:
             for name, is_new in zip(self.whole, new, strict=True)
             if not is_new and made.get(name) != self.old.get(name)
         ]
-        if torn or (self.together and any(new) and not all(new) and self.whole != self.old):
+        files = {new for name, new in zip(self.whole, new, strict=True) if not name.endswith("/")}
+        if torn or (self.words.together and len(files) > 1):
             return f"neither old nor new: {torn or 'some of both'}"
         left = [name for name in made if name not in self.whole and name not in self.old]
         resumable = [name for name in left if ".parts/" in name]
@@ -332,11 +338,11 @@ class Trial:
             return ""
         key = hash(frozenset(found.items()))
         if key not in self.seen:
-            ended = attempts.run(self.again, place)
+            ended = attempts.run(f"{self.words.line} {self.words.again}", place)
             after = content_of(place)
             made = [name for name in self.whole if not self._is_whole(name, after.get(name))]
             self.seen[key] = ""
-            if ended.code != self.code or made:
+            if ended.code != self.ended.code or made:
                 self.seen[key] = (
                     f"the next try: exit {ended.code}, not whole {made}: {ended.err[-300:]!r}"
                 )

@@ -221,8 +221,13 @@ int close(int fd) {
 
 static ssize_t stream_read(void *fd, char *to, size_t size) { return read((int)(intptr_t)fd, to, size); }
 static ssize_t stream_write(void *fd, const char *from, size_t size) {
-    ssize_t written = write((int)(intptr_t)fd, from, size);
-    return written < 0 ? 0 : written;
+    size_t done = 0;
+    while (done < size) { /* as the C library does for its own streams */
+        ssize_t written = write((int)(intptr_t)fd, from + done, size - done);
+        if (written <= 0) break;
+        done += (size_t)written;
+    }
+    return (ssize_t)done;
 }
 static int stream_seek(void *fd, off64_t *at, int whence) {
     off64_t found = lseek64((int)(intptr_t)fd, *at, whence);
