@@ -24,7 +24,7 @@ SIZES = _module()
 
 
 BUDGETS = {
-    "code lines, benchmarks": 4100,
+    "code lines, benchmarks": 4450,
     "code lines, lcp_catalog": 39900,
     "code lines, cli": 3500,
     "words of docs": 45000,

@@ -27,7 +27,8 @@ from pathlib import Path
 import numpy as np
 from lcp_cli.main import run
 
-from benchmarks.faults import commands, failing
+from benchmarks.faults import failing
+from tests.helpers import small_commands
 
 MALLOC = ("query", "inspect", "export .gpkg", "render", "merge")
 """Commands of which memory is made to fail."""
@@ -45,8 +46,8 @@ def main(words: Sequence[str]) -> int:
         "--only",
         nargs="+",
         metavar="NAME",
-        choices=[*commands.COMMANDS],
-        default=[*commands.COMMANDS],
+        choices=[*small_commands.COMMANDS],
+        default=[*small_commands.COMMANDS],
     )
     parser.add_argument("--kinds", nargs="+", choices=[*failing.KINDS], default=[*failing.KINDS])
     parser.add_argument(
@@ -74,9 +75,9 @@ def _tried(given: argparse.Namespace, folder: Path) -> int:
     """Try the commands in processes of their own; print the table."""
     inputs = folder / "inputs"
     inputs.mkdir()
-    _wait(_forked(partial(commands.prepare, inputs)))
+    _wait(_forked(partial(small_commands.prepare, inputs)))
     running: dict[int, str] = {}
-    left = sorted(given.only, key=lambda name: commands.COMMANDS[name].cold)
+    left = sorted(given.only, key=lambda name: small_commands.COMMANDS[name].cold)
     failed: list[str] = []
     while left or running:
         if left and len(running) < given.jobs:
@@ -124,7 +125,7 @@ def _file(name: str) -> str:
 
 def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     """Try a command; write its row of the table. True if nothing was wrong."""
-    words = commands.COMMANDS[name]
+    words = small_commands.COMMANDS[name]
     attempts = failing.Attempts(folder / _file(name))
     inputs = words.inputs(folder / "inputs")
     if not words.cold:
@@ -157,7 +158,7 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     return not any(one["wrong"] for one in found.values())
 
 
-def _warm(attempts: failing.Attempts, words: failing.Words, inputs: failing.Content) -> None:
+def _warm(attempts: failing.Attempts, words: small_commands.Words, inputs: failing.Content) -> None:
     """Run the command here, so that later runs need not import anything; what it prints is lost."""
     place = attempts.place(inputs)
     kept = [os.dup(number) for number in (1, 2)]

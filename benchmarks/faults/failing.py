@@ -24,6 +24,7 @@ from pathlib import Path
 from lcp_cli.main import run
 
 from benchmarks.faults.processes import is_gone, wait_for
+from tests.helpers.small_commands import Words
 
 KINDS = {
     # kind of call: (error, how it fails), of which each is tried
@@ -97,26 +98,6 @@ def preloaded(module: str, words: Sequence[str], folder: Path) -> int:
     return subprocess.run(
         [sys.executable, "-m", module, *words], env=environment, check=False
     ).returncode
-
-
-@dataclass(frozen=True)
-class Words:
-    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``cold``: it
-    starts processes of its own, so that each run begins without any that an earlier one started. ``together``: its
-    files appear together or not at all. ``verdict``: it says with exit code 4 that a file is damaged.
-    """
-
-    line: str
-    others: tuple[str, ...] = ()
-    again: str = "--overwrite"
-    cold: bool = False
-    together: bool = False
-    verdict: bool = False
-
-    def inputs(self, folder: Path) -> dict[str, bytes]:
-        """Its input files by name."""
-        names = [*self.line.split(), *self.others]
-        return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
 
 
 class Attempts:

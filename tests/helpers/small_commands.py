@@ -1,29 +1,25 @@
-"""Small inputs, and one or more runs of every command of `lcp` on them."""
+"""Small inputs, and one or more runs of every command of `lcp` on them: for tests of damaged inputs, and for system
+calls that fail (`benchmarks/faults/calls.py`).
+"""
 
 from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from lcp_cli.main import run
 
-from benchmarks.faults.failing import Words
-from benchmarks.places import DEM, SAMPLE
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.choices import EXPORTS
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
-from tests.helpers import (
-    archive_files,
-    catalogs,
-    merges,
-    navigable,
-    posed,
-    products,
-    real_heights,
-    twins_match,
-)
+
+from . import archive_files, catalogs, merges, navigable, posed, products, real_heights, twins_match
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
+DEM = catalogs.HADLEY
 
 BUILD = """\
 area = { center_deg = [3.5, 26.0], size_km = 25.0, gsd_m = 474.0 }
@@ -32,6 +28,26 @@ view = { off_nadir_deg = [0.0], azimuth_deg = [0.0], altitude_km = [inf] }
 points = { patch_nodes = 17, search_m = 5000.0 }
 model = { accuracy = "draft", direction_tolerance_deg = 1.0, ring_max_km = 20.0 }
 """
+
+
+@dataclass(frozen=True)
+class Words:
+    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``cold``: it
+    starts processes of its own, so that each run begins without any that an earlier one started. ``together``: its
+    files appear together or not at all. ``verdict``: it says with exit code 4 that a file is damaged.
+    """
+
+    line: str
+    others: tuple[str, ...] = ()
+    again: str = "--overwrite"
+    cold: bool = False
+    together: bool = False
+    verdict: bool = False
+
+    def inputs(self, folder: Path) -> dict[str, bytes]:
+        """Its input files by name."""
+        names = [*self.line.split(), *self.others]
+        return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
 
 
 _SUN = "--sun-azimuth 100 --sun-elevation 17"
