@@ -246,7 +246,7 @@ def _build(
     dem: tuple[str, ...], config: BuildConfig, memory_gb: float | None, output: str, run: Run
 ) -> BuildReport:
     with _computing(run) as update:
-        from lcp_catalog.production.public import build_catalog
+        from lcp_catalog.production.run import build_catalog
 
         return build_catalog(
             dem,

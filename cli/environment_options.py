@@ -43,7 +43,7 @@ class EnvironmentOptions:
         if self.environment is None:
             return None
         from lcp_catalog.light.environment import Environment
-        from lcp_catalog.light.environment_sources import SourceSearch
+        from lcp_catalog.light.sources import SourceSearch
 
         search = (
             None if self.environment_sources is None else SourceSearch(*self.environment_sources)

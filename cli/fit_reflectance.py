@@ -15,8 +15,7 @@ from .progress import progress
 from .value_types import Finite, Number
 
 if TYPE_CHECKING:
-    from lcp_catalog.photometry.facet_fit import Fit
-    from lcp_catalog.photometry.goniometer import Measurements
+    from lcp_catalog.photometry.facet_fit import Fit, Measurements
 
 HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  error %  (alone)"
 
@@ -104,9 +103,13 @@ def command(
     source, the specular direction is at -incidence), optionally azimuth_deg, and one of intensity,
     brightness, radiance_factor. Use the fitted model with `--reflectance facet:MODEL.toml`.
     """
-    from lcp_catalog.photometry.facet_fit import fit_chart, fit_file, fit_reflectance
+    from lcp_catalog.photometry.facet_fit import (
+        fit_chart,
+        fit_file,
+        fit_reflectance,
+        read_measurements,
+    )
     from lcp_catalog.photometry.facet_model import ALBEDO, Optics
-    from lcp_catalog.photometry.goniometer import read_measurements
 
     check_outputs(overwrite, output, chart)
     (index, extinction), (degree, angle_deg) = refractive_index, polarisation
@@ -148,8 +151,8 @@ def _text(fit: Fit, measurements: Measurements) -> str:
 
 
 def _document(fit: Fit, measurements: Measurements) -> dict[str, Any]:
-    from lcp_catalog.photometry.facet_file import nodes_table
     from lcp_catalog.photometry.facet_fit import fit_table
+    from lcp_catalog.photometry.facet_model import nodes_table
 
     reflectance = fit.model.reflectance([node.incidence_deg for node in fit.model.nodes])
     return {

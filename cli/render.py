@@ -51,9 +51,9 @@ def command(
     if output is None and preview:
         raise click.UsageError("--preview needs -o OUT.tif")
 
-    from lcp_catalog.rendering.output import encode, picture, png
-    from lcp_catalog.rendering.output import explain as explained
     from lcp_catalog.rendering.pipeline import prepare
+    from lcp_catalog.rendering.public import encode, picture, png
+    from lcp_catalog.rendering.public import explain as explained
 
     options.check_outputs(overwrite, output, preview)
     scene = prepare(asked.request())

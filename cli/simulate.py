@@ -27,7 +27,7 @@ BITS = ("8", "10", "12", "14", "16")
 
 
 def _read_with(source: str) -> Iterator[Path]:
-    from lcp_catalog.simulation.patch_surface import is_catalog
+    from lcp_catalog.simulation.output import is_catalog
 
     if not is_catalog(source):
         yield from raster_files(source)

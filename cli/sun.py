@@ -15,7 +15,7 @@ from .files import RASTER, FileCommand
 from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number, Step
 
 if TYPE_CHECKING:
-    from lcp_catalog.ephemeris.table import SunTable
+    from lcp_catalog.ephemeris.solar_position import SunTable
     from lcp_catalog.ephemeris.times import Instants
 
 LINES_AT_ONCE = 4096
@@ -106,8 +106,8 @@ def command(
     if dem and height_m < 0.0:
         raise click.UsageError("--height must not be negative with --dem")
 
-    from lcp_catalog.ephemeris.table import remarks
-    from lcp_catalog.light.public import sun_at
+    from lcp_catalog.ephemeris.solar_position import remarks
+    from lcp_catalog.light.sun_visibility import sun_at
 
     options.check_outputs(overwrite, output)
     table = sun_at(place, when, height_m=height_m, dem=dem or None, gsd_m=gsd_m)
@@ -185,8 +185,7 @@ def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
 def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
     """Lines of the JSON document, so that a million instants need no second copy."""
     from lcp_catalog.constants import FRAME
-    from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG
-    from lcp_catalog.ephemeris.table import azimuth_zero_lon
+    from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG, azimuth_zero_lon
 
     head: dict[str, Any] = {
         "frame": FRAME,

@@ -63,8 +63,7 @@ def command(
     Markdown).
     """
     from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS
-    from lcp_catalog.tradeoff.public import trade
-    from lcp_catalog.tradeoff.report import markdown
+    from lcp_catalog.tradeoff.report import markdown, trade
 
     with progress("tiers") as update:
         found = trade(

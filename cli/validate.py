@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def _written(folder: str) -> Iterator[Path]:
-    from lcp_catalog.validation.output import FILES
+    from lcp_catalog.validation.run import FILES
 
     yield from (Path(folder, name) for name in FILES)
 
@@ -199,10 +199,9 @@ def command(
     if disc is not None and not dems:
         raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
     from lcp_catalog.photometry.albedo_map import AlbedoMap
-    from lcp_catalog.validation.output import check_validation_folder, write_validation
-    from lcp_catalog.validation.public import validate
     from lcp_catalog.validation.requirement import Requirement
     from lcp_catalog.validation.result import summary_lines
+    from lcp_catalog.validation.run import check_validation_folder, validate, write_validation
 
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not known_pose:

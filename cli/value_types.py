@@ -116,7 +116,7 @@ class Law(_Read):
 
     def inputs(self, value: str) -> Iterator[Path]:
         """The MODEL.toml of a model that has one (`cli.files`)."""
-        from lcp_catalog.photometry.facet_file import law_file
+        from lcp_catalog.photometry.facet_model import law_file
 
         file = law_file(value)
         if file is not None:

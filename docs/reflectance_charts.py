@@ -14,8 +14,7 @@ from markupsafe import Markup
 
 from lcp_catalog.arrays import Array
 from lcp_catalog.photometry.laws import Reflectance, radiance_factor, reflectance_model
-from lcp_catalog.plots.axes import Axes, Axis
-from lcp_catalog.plots.polar import STYLES, Curve, Panel, polar_chart
+from lcp_catalog.plots.axes import STYLES, Axes, Axis, Curve, Panel, polar_chart
 
 _PHASES_DEG = np.concatenate([np.linspace(0.0, 7.0, 15), np.linspace(8.0, 150.0, 72)])
 

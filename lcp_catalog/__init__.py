@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from .cameras.frame_camera import Camera as Camera
     from .cameras.sensor import Uncertainty as Uncertainty
     from .catalog.catalogue import Catalog as Catalog
-    from .catalog.public import diff as diff
-    from .catalog.public import inspect as inspect
-    from .catalog.public import report as report
+    from .catalog.comparison import diff as diff
+    from .catalog.comparison import inspect as inspect
+    from .catalog.comparison import report as report
     from .catalog.verification import open_catalog as open_catalog
     from .dem.mosaic import DemSet as DemSet
     from .dem.public import DemInfo as DemInfo
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from .exports.export import export as export
     from .images.image import Image as Image
     from .images.image_file import open_image as open_image
-    from .light.public import sun_at as sun_at
     from .light.sun_choice import SunChoice as SunChoice
+    from .light.sun_visibility import sun_at as sun_at
     from .matching.point_choice import choose_points as choose_points
     from .matching.point_search import find_points as find_points
     from .matching.position_fix import Fix as Fix
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
     from .navigation.expected_position import query_trajectory as query_trajectory
     from .navigation.site_windows import windows as windows
     from .production.config import BuildConfig as BuildConfig
-    from .production.public import build_catalog as build_catalog
-    from .production.public import merge as merge
+    from .production.run import build_catalog as build_catalog
+    from .production.run import merge as merge
     from .rendering.public import render as render
     from .simulation.detector import Detector as Detector
     from .simulation.output import simulate as simulate
-    from .tradeoff.public import trade as trade
-    from .validation.public import validate as validate
+    from .tradeoff.report import trade as trade
+    from .validation.run import validate as validate
 
 _MODULES = {
     "Answer": "navigation.expected_position",
@@ -61,17 +61,17 @@ _MODULES = {
     "LcpError": "errors",
     "SunChoice": "light.sun_choice",
     "Uncertainty": "cameras.sensor",
-    "build_catalog": "production.public",
+    "build_catalog": "production.run",
     "choose_points": "matching.point_choice",
     "dem_info": "dem.public",
     "dem_set": "dem.public",
-    "diff": "catalog.public",
+    "diff": "catalog.comparison",
     "export": "exports.export",
     "find_points": "matching.point_search",
-    "inspect": "catalog.public",
+    "inspect": "catalog.comparison",
     "instant_range": "ephemeris.times",
     "locate": "matching.position_fix",
-    "merge": "production.public",
+    "merge": "production.run",
     "open_catalog": "catalog.verification",
     "open_image": "images.image_file",
     "query": "navigation.expected_position",
@@ -79,11 +79,11 @@ _MODULES = {
     "read_camera": "cameras.camera_file",
     "render": "rendering.public",
     "render_patches": "matching.templates",
-    "report": "catalog.public",
+    "report": "catalog.comparison",
     "simulate": "simulation.output",
-    "sun_at": "light.public",
-    "trade": "tradeoff.public",
-    "validate": "validation.public",
+    "sun_at": "light.sun_visibility",
+    "trade": "tradeoff.report",
+    "validate": "validation.run",
     "windows": "navigation.site_windows",
 }
 

@@ -78,7 +78,7 @@ class Accuracy:
 
     law_residual: float
     """Greatest rms residual of a cheaper reflectance model against Hapke's, as a share of the mean
-    signal, at which that model is chosen (`photometry.law_choice`). It increases a noise of 0.15 by a
+    signal, at which that model is chosen (`photometry.laws`). It increases a noise of 0.15 by a
     fifth (draft), a twentieth (standard), 0.2 % (high) and nothing (reference)."""
 
     @property

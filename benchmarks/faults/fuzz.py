@@ -58,8 +58,8 @@ def check_dem(path: Path) -> None:
 
 
 def read_image(path: Path) -> None:
+    from lcp_catalog.images.image_file import read_image_label
     from lcp_catalog.images.pixels import read_pixels
-    from lcp_catalog.images.sun_from_label import read_image_label
 
     read_image_label(read_pixels(path)).direction()
 
@@ -80,7 +80,7 @@ def read_camera(path: Path) -> None:
 
 def read_way(path: Path) -> None:
     from lcp_catalog.cameras.camera_file import read_camera as framing
-    from lcp_catalog.navigation.trajectory_file import read_trajectory
+    from lcp_catalog.navigation.expected_position import read_trajectory
 
     camera = framing(SAMPLE / "AS15-M-0414_camera.json") if path.suffix == ".csv" else None
     read_trajectory(path, camera)
@@ -96,13 +96,13 @@ def read_build(path: Path) -> None:
 
 
 def read_facet(path: Path) -> None:
-    from lcp_catalog.photometry.facet_file import load_model
+    from lcp_catalog.photometry.facet_model import load_model
 
     load_model(path).to_toml()
 
 
 def read_goniometer(path: Path) -> None:
-    from lcp_catalog.photometry.goniometer import read_measurements
+    from lcp_catalog.photometry.facet_fit import read_measurements
 
     read_measurements(path)
 
@@ -234,7 +234,7 @@ def builds(folder: Path) -> Iterator[Path]:
 
 
 def facets(folder: Path) -> Iterator[Path]:
-    from lcp_catalog.photometry.facet_file import FacetFile, facet_model
+    from lcp_catalog.photometry.facet_model import FacetFile, facet_model
 
     (folder / "paint.toml").write_text(FacetFile(facet_model(), {"d": 1.0}).to_toml())
     yield folder / "paint.toml"

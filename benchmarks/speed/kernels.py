@@ -24,9 +24,8 @@ from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import search
 from lcp_catalog.kernels.photometry.images import add_light
-from lcp_catalog.light.environment_sources import split_sources
 from lcp_catalog.light.solar_disc import sunlit_share
-from lcp_catalog.light.sources import Lighting
+from lcp_catalog.light.sources import Lighting, split_sources
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import SearchImage, find_points
@@ -36,7 +35,7 @@ from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 from lcp_catalog.rendering.renderer import render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import simulated_image
+from lcp_catalog.simulation.output import simulated_image
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded

@@ -27,8 +27,7 @@ from ..geometry.rotations import inverse, turned
 from .distortion import FocalPlane, KaguyaLism, Lens, LroNac, NoLens, OpenCV, UsgsRadial, plane_of
 from .frame_camera import FARTHEST_M, Camera, fields_of_plane
 from .json_fields import JsonFields
-from .scanners import BEYOND, LineScanner, PushFrame, Scanner
-from .trajectory import Attitude, Track, Trajectory
+from .scanners import BEYOND, Attitude, LineScanner, PushFrame, Scanner, Track, Trajectory
 
 _log = logging.getLogger(__name__)
 

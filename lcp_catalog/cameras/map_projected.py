@@ -19,7 +19,7 @@ from ..constants import MOON_RADIUS_M
 from ..errors import ImageError, LabelError
 from ..geometry.bounds import turned_deg
 from ..geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
-from ..geometry.map_projection import MapProjection, map_projection
+from ..geometry.map_plane import MapProjection, map_projection
 from .sensor import ON_MAP, FullSensor
 
 ORIGIN_HEIGHT_M = 100e3

@@ -15,7 +15,7 @@ import numpy as np
 from .._version import __version__
 from ..arrays import AnyArray, Index
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
-from .layout import LEVELS
+from .schema import LEVELS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -257,7 +257,7 @@ class ControlPoints:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PointConditions:
     """What is claimed of each point by condition. The claims are rounded to the steps in which they are stored
-    (`layout.packing`), and sigmas end at 65534 steps, which stands for everything above.
+    (`schema.packing`), and sigmas end at 65534 steps, which stands for everything above.
     """
 
     condition: AnyArray  # (n, v, e, a) uint8

@@ -22,9 +22,8 @@ from ..errors import CatalogError
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
 from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
-from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT, packing
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray
-from .schema import PACKED, Variable
+from .schema import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, PACKED, TEXT, Variable, packing
 
 _TEXT_BYTES = 64
 """Bytes that a text is taken to need in memory."""

@@ -18,9 +18,8 @@ from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
 from .integrity import HDF5_ERRORS, ChunkDigests, line_of
-from .layout import LEVELS
 from .model import BLOCK_BYTES
-from .schema import Variable
+from .schema import LEVELS, Variable
 from .stored import StoredFile, attributes, group_attributes, read_part, stored_catalog
 
 _SECONDS = 10.0

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Bytes
 from ..geometry.bounds import Bounds, wrapped_deg
-from ..plots.pictures import encode_png
-from ..plots.text import HEIGHT_PX, LINE_PX, draw_text, width_px
+from ..plots.pictures import HEIGHT_PX, LINE_PX, draw_text, encode_png, width_px
 from .grid import Grid
 from .mosaic import DemSet, nearest_heights
 from .pixel_statistics import HeightStatistics

@@ -214,7 +214,7 @@ class HeightErrors:
 
 
 def errors_of_file(dem: Dem) -> HeightErrors:
-    """Height errors of a DEM file: as calibrated, else as published (`products.facts_of`), else
+    """Height errors of a DEM file: as calibrated, else as published (`grid.facts_of`), else
     `UNKNOWN_SIGMA_M`; the length as calibrated, else by the effective resolution
     (`LENGTH_PER_RESOLUTION`).
     """

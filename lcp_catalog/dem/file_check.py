@@ -20,9 +20,8 @@ from ..pds.label import Label
 from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3
 from .dem import Dem
-from .grid import Grid
+from .grid import Grid, facts_of
 from .pixel_statistics import POSSIBLE_M, Extreme, SampleStatistics, sample_statistics
-from .products import facts_of
 
 _AGAIN = "fetch both again"
 _APART_M, _REPEATED = 1000.0, 3

@@ -5,23 +5,37 @@ is the IAU series (Archinal et al. 2011, table 2), which approximates the mean-E
 direction is the apparent one: it includes light time and the aberration by the Moon's motion, as
 SPICE's subslr with LT+S does. The subsolar point differs from that of DE421 by at most 0.0042 deg
 in 1990-2050. The directions hold at the Moon's centre; on its surface they differ by up to 0.0007
-deg (R / 1 au), which `table.sun_table` includes.
+deg (R / 1 au), which `solar_position.sun_table` includes.
+
+The Sun over a place at many instants: azimuth, elevation and visible share of the disc.
+
+Sun directions that can occur at a latitude.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
-from ..constants import ASTRONOMICAL_UNIT_M
+from ..constants import ASTRONOMICAL_UNIT_M, FRAME, SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
 from ..errors import SunError
-from ..geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
-from .times import Times, instants
+from ..geometry.bounds import turned_deg
+from ..geometry.frames import (
+    EnuFrame,
+    azimuth_elevation,
+    direction_enu,
+    lonlat_to_mcmf,
+    mcmf_to_lonlat,
+)
+from .limb_darkening import VISIBLE, LimbDarkening
+from .times import Instants, Times, instants
 
 DIRECTION_ERROR_DEG = 0.005
 """Bound on the error of a direction to the Sun in the mean-Earth frame."""
@@ -132,3 +146,232 @@ def direction_from_position(frame: EnuFrame, sun_position_mcmf_m: ArrayLike) -> 
         )
     towards = position - frame.origin_mcmf_m
     return towards / np.linalg.norm(towards)
+
+
+DECIMALS = 6
+"""Decimals of the values of `SunTable.records`; their error is far larger."""
+
+_CHUNK = 1 << 15
+
+
+@dataclass(frozen=True, eq=False)
+class SunTable:
+    """The Sun over a place at ``n`` instants, each array (n,).
+
+    Azimuth is clockwise from north, 0..360. Elevation is that of the disc's centre above the
+    horizontal plane of the place. ``disc_share`` is the share of the disc's light above that plane,
+    without terrain. The subsolar point, longitude 0..360, is that of the Moon's centre; distance
+    and angular radius are those at the place. With terrain (`light.sun_visibility`):
+    ``horizon_deg``, the elevation of the terrain horizon at the azimuth of the disc's centre, and
+    ``terrain_share``, the share of the disc's light above the terrain horizon.
+    """
+
+    place: EnuFrame
+    instants: Instants
+    azimuth_deg: Array
+    elevation_deg: Array
+    disc_share: Array
+    subsolar_lon: Array
+    subsolar_lat: Array
+    distance_au: Array
+    disc_radius_deg: Array
+    horizon_deg: Array | None = None
+    terrain_share: Array | None = None
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the columns that the table has."""
+        return tuple(name for name in FIGURES if getattr(self, name) is not None)
+
+    def __len__(self) -> int:
+        return len(self.instants)
+
+    def records(self) -> Iterator[dict[str, str | float]]:
+        """One record per instant, rounded to `DECIMALS`; the distance to two more."""
+        figures = {name: np.round(getattr(self, name), DECIMALS) + 0.0 for name in self.figures}
+        for name in ("azimuth_deg", "subsolar_lon"):
+            figures[name] %= 360.0  # 359.9999999 is rounded to 360
+        figures["distance_au"] = np.round(self.distance_au, DECIMALS + 2)
+        columns = [self.instants.labels(), *(values.tolist() for values in figures.values())]
+        for row in zip(*columns, strict=True):
+            yield dict(zip(("time_utc", *self.figures), row, strict=True))
+
+
+FIGURES = (
+    "azimuth_deg",
+    "elevation_deg",
+    "disc_share",
+    "subsolar_lon",
+    "subsolar_lat",
+    "distance_au",
+    "disc_radius_deg",
+    "horizon_deg",
+    "terrain_share",
+)
+
+
+def sun_table(place: EnuFrame, times: Times) -> SunTable:
+    """The Sun over a place, including parallax (up to 0.0007 deg).
+
+    SunError for an invalid time or a year outside 1900-2099.
+    """
+    when = instants(times)
+    chunks = [_columns(place, when[k : k + _CHUNK]) for k in range(0, max(len(when), 1), _CHUNK)]
+    columns = np.concatenate(chunks, axis=1)
+    return SunTable(place, when, *columns)  # the rows of `_columns` are the fields, in their order
+
+
+def share_above_plane(
+    elevation_rad: NDArray[np.float64],
+    radius_rad: NDArray[np.float64],
+    law: LimbDarkening = VISIBLE,
+) -> Array:
+    """Share of the disc's light above a plane through the observer, by the elevation of the disc's
+    centre above that plane.
+
+    In the gnomonic projection from the observer onto the plane tangent to the sky at the disc's
+    centre, the disc is a circle of radius tan(r) and the horizon a straight line at -tan(e).
+    """
+    near = np.clip(elevation_rad, -0.1, 0.1)  # beyond, the share is 0 or 1
+    return np.clip(law.share_above(-np.tan(near) / np.tan(radius_rad)), 0.0, 1.0)
+
+
+def azimuth_zero_lon(place: EnuFrame) -> float | None:
+    """Meridian (0..360 deg) towards which azimuth 0 points at a pole; None elsewhere.
+
+    North there is the limit along the given meridian (`geometry.frames.enu_rotation`): at the north
+    pole the meridian on the far side, at the south pole the given one.
+    """
+    if abs(place.lat_deg) < 90.0:
+        return None
+    return turned_deg(place.lon_deg + (180.0 if place.lat_deg > 0.0 else 0.0))
+
+
+def remarks(table: SunTable) -> list[str]:
+    """Notes for readers of the values: frame, error and conventions; one line each."""
+    lines = [
+        f"frame {FRAME}, approximated by the IAU series of the Moon's rotation; directions are "
+        f"accurate to {DIRECTION_ERROR_DEG:g} deg, {ERROR_YEARS[0]}-{ERROR_YEARS[1]}",
+        "apparent Sun: light time, aberration and parallax are included; times are UTC",
+        "azimuth clockwise from north; elevation of the disc's centre; share: of the disc's light "
+        "above the horizontal plane, without terrain",
+    ]
+    if table.terrain_share is not None:
+        lines.append(
+            "horizon: elevation of the terrain below the disc's centre; lit: share of its light "
+            "above the terrain"
+        )
+    zero = azimuth_zero_lon(table.place)
+    if zero is not None:
+        lines.append(f"at the pole azimuth 0 points along the meridian {zero:.10g} deg east")
+    first, last = table.instants.years()
+    if first < ERROR_YEARS[0] or last > ERROR_YEARS[1]:
+        lines.append(
+            f"some instants lie outside {ERROR_YEARS[0]}-{ERROR_YEARS[1]}: the error is not known "
+            "for them"
+        )
+    return lines
+
+
+def _columns(place: EnuFrame, when: Instants) -> Array:
+    """Values of `SunTable` in the order of its fields, (7, n)."""
+    direction, distance_au = apparent_sun(when)
+    from_place = direction * (distance_au * ASTRONOMICAL_UNIT_M)[:, None] - place.origin_mcmf_m
+    azimuth, elevation = azimuth_elevation(place.direction_from_mcmf(from_place))
+    seen_au = np.linalg.norm(from_place, axis=-1) / ASTRONOMICAL_UNIT_M
+    radius = np.arcsin(np.sin(SOLAR_RADIUS_RAD) / seen_au)
+    share = share_above_plane(np.radians(elevation), radius)
+    lon, lat, _ = mcmf_to_lonlat(direction)
+    return np.stack([azimuth, elevation, share, lon, lat, seen_au, np.degrees(radius)])
+
+
+def reachable_suns(
+    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
+) -> NDArray[np.bool_]:
+    """Mask (n_el, n_az): True for cells of a grid of Sun directions in which the Sun can occur.
+
+    A cell is the box of half steps around its direction (see `azimuth_boxes`, `elevation_boxes`).
+    It is reachable if some direction in the box has a declination within +-(1.59 deg + solar
+    radius). SunError for a latitude or elevations that are invalid.
+    """
+    lowest, highest = declination_range(lat_deg, azimuths_deg, elevations_deg)
+    limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
+    return np.asarray((lowest <= limit) & (highest >= -limit))
+
+
+def highest_sun_deg(lat_deg: float) -> float:
+    """Greatest elevation of the solar disc's upper edge at a latitude, degrees; at most 90."""
+    edge_deg = SUBSOLAR_LATITUDE_MAX_DEG + math.degrees(SOLAR_RADIUS_RAD)
+    return min(90.0, 90.0 - abs(lat_deg) + edge_deg)
+
+
+def declination_range(
+    lat_deg: float, azimuths_deg: ArrayLike, elevations_deg: ArrayLike
+) -> tuple[Array, Array]:
+    """Least and greatest sine of the declination over each cell's box, (n_el, n_az) each; exact.
+
+    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az) is monotone in cos(az). For a given
+    cos(az) it is a single cosine in el, so that the extremes have a closed form.
+    """
+    if not abs(lat_deg) <= 90.0:
+        raise SunError(f"invalid latitude: {lat_deg}")
+    lat = math.radians(lat_deg)
+    sin_lat, cos_lat = math.sin(lat), max(0.0, math.cos(lat))
+    cos_min, cos_max = _cosine_range(*azimuth_boxes(azimuths_deg))
+    low, high = (np.radians(edge)[:, None] for edge in elevation_boxes(elevations_deg))
+    highest = _extreme(sin_lat, cos_lat * cos_max[None, :], low, high)
+    lowest = -_extreme(-sin_lat, -cos_lat * cos_min[None, :], low, high)
+    return lowest, highest
+
+
+def azimuth_boxes(azimuths_deg: ArrayLike) -> tuple[Array, Array]:
+    """Edges of the boxes (n,), degrees, first <= last, in the order given: halfway to the
+    neighbours on the circle.
+
+    A gap of more than half a circle ends a partial range: the box is then as wide outwards as
+    inwards. A single azimuth has no width.
+    """
+    azimuth = turned_deg(np.atleast_1d(np.asarray(azimuths_deg, dtype=np.float64)))
+    order = np.argsort(azimuth, kind="stable")
+    sorted_ = azimuth[order]
+    after = np.diff(np.append(sorted_, sorted_[0] + 360.0))
+    before = np.roll(after, 1)
+    left = np.where(before <= 180.0, before, np.where(after <= 180.0, after, 0.0)) / 2
+    right = np.where(after <= 180.0, after, np.where(before <= 180.0, before, 0.0)) / 2
+    first, last = np.empty_like(azimuth), np.empty_like(azimuth)
+    first[order], last[order] = sorted_ - left, sorted_ + right
+    return first, last
+
+
+def elevation_boxes(elevations_deg: ArrayLike) -> tuple[Array, Array]:
+    """Edges of the boxes (n,), degrees, within 0..90: halfway to the neighbours; boxes at the ends
+    are as wide outwards as inwards.
+
+    The elevations must increase. A single elevation has no width.
+    """
+    elevation = np.atleast_1d(np.asarray(elevations_deg, dtype=np.float64))
+    if not (np.diff(elevation) > 0).all() or not ((elevation >= -90) & (elevation <= 90)).all():
+        raise SunError("the Sun's elevations must increase and lie within -90..90 deg")
+    step = np.diff(elevation) if elevation.size > 1 else np.zeros(1)
+    below, above = np.append(step[:1], step)[: elevation.size], np.append(step, step[-1:])
+    first, last = elevation - below / 2, elevation + above[: elevation.size] / 2
+    return np.clip(first, 0.0, 90.0), np.clip(last, 0.0, 90.0)
+
+
+def _cosine_range(first_deg: Array, last_deg: Array) -> tuple[Array, Array]:
+    """Least and greatest cosine over intervals of an angle."""
+    a, b = np.cos(np.radians(first_deg)), np.cos(np.radians(last_deg))
+    has_zero = np.floor(last_deg / 360.0) >= np.ceil(first_deg / 360.0)
+    has_half = np.floor((last_deg - 180.0) / 360.0) >= np.ceil((first_deg - 180.0) / 360.0)
+    return np.where(has_half, -1.0, np.minimum(a, b)), np.where(has_zero, 1.0, np.maximum(a, b))
+
+
+def _extreme(sine: float, cosine: Array, low: Array, high: Array) -> Array:
+    """Greatest value of sine * sin(el) + cosine * cos(el) over low <= el <= high (radians, within
+    0..pi/2).
+    """
+    ends = np.maximum(
+        sine * np.sin(low) + cosine * np.cos(low), sine * np.sin(high) + cosine * np.cos(high)
+    )
+    crest = np.arctan2(sine, cosine)
+    return np.where((low <= crest) & (crest <= high), np.hypot(sine, cosine), ends)

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from ..atomic_files import folder_aside, write_aside
-from ..catalog.public import CatalogOrPath, opened_catalog
+from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..choices import EXPORT_FOLDERS, EXPORTS
 from ..constants import FRAME
 from ..errors import ConfigError

@@ -45,7 +45,7 @@ class ErrorModel:
     common to an image. ``spread``: standard deviation of the logarithm of the noise between places;
     the noise of a place is that of the model times exp(spread x), x normal. ``shadow_shift``: 1 sigma,
     in cells, at grazing light, of the shift that shadows below a cell give all points of an image
-    along the Sun's azimuth (`matching.common_errors`).
+    along the Sun's azimuth (`matching.pose`).
     """
 
     sensor_noise: float = 0.02

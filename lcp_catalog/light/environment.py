@@ -22,8 +22,7 @@ import numpy as np
 from ..errors import ImageError
 from ..geometry.frames import Direction
 from .environment_map import Panorama, read_panorama
-from .environment_sources import SourceSearch, SourceSplit, report, split_sources
-from .sources import Lighting
+from .sources import Lighting, SourceSearch, SourceSplit, report, split_sources
 
 log = logging.getLogger(__name__)
 

@@ -22,9 +22,8 @@ from ..ephemeris.limb_darkening import VISIBLE, LimbDarkening, Strips, strips
 from ..geometry.frames import Direction
 from ..kernels.rays import bundles, horizon
 from ..terrain import occlusion
-from ..terrain.far_terrain import FarTerrain
+from ..terrain.far_terrain import FarTerrain, HorizonPoints, Nodes, on_rim
 from ..terrain.heightfield import Heightfield, Window
-from ..terrain.horizons import HorizonPoints, Nodes, on_rim
 
 TRACE = 1e-5
 """Shares below this are set to 0 (and above 1 - TRACE to 1): three times the error of a share of 0

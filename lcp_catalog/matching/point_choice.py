@@ -19,8 +19,8 @@ from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor, altitude_km, ground_slopes, pixel_size_m
 from ..cameras.view import border_and_inside
 from ..catalog.catalogue import Catalog
+from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.prediction import Prediction, predict
-from ..catalog.public import CatalogOrPath, opened_catalog
 from ..catalog.schema import DETECTION_STEP
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError

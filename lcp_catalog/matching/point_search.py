@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array, Bytes, Float32, Index, Mask
 from ..cameras.sensor import pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..catalog.public import CatalogOrPath, opened_catalog
+from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..images.image import Image
 from ..images.image_file import open_image
 from ..kernels.matching import search, subpixel_fit
@@ -24,8 +24,7 @@ from ..landmarks.corners import fill_missing
 from ..landmarks.correlation import moments
 from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
 from ..landmarks.patches import POINT_SPREAD_PX, halved
-from ..photometry.law_choice import law_of
-from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from ..photometry.laws import DEFAULT_MODEL, Reflectance, law_of
 from .matches import CODE, Matches, joined
 from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least, points_in_view
 from .templates import LEAST_COVER, Templates, render_patches

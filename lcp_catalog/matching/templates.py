@@ -31,12 +31,11 @@ from ..cameras.frame_camera import Camera
 from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
+from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import nodes_mcmf
-from ..catalog.public import CatalogOrPath, opened_catalog
 from ..kernels.matching import draw_patch, point_spread
 from ..landmarks.patches import POINT_SPREAD_PX
-from ..photometry.law_choice import law_of
-from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from ..photometry.laws import DEFAULT_MODEL, Reflectance, law_of
 from .point_choice import directions_to_sun
 
 TOLERANCE_PX = 0.002

@@ -21,10 +21,8 @@ from ..ephemeris.times import instants
 from ..errors import OutputError
 from ..geometry.bounds import wrapped_deg
 from ..plots.axes import Axes, Axis, round_ticks
-from ..plots.html_page import page
-from ..plots.numbers import number
-from .expected_position import LEAST_POINTS, Answer, ExpectedPosition
-from .frame_points import CAUSES
+from ..plots.numbers import number, page
+from .expected_position import CAUSES, LEAST_POINTS, Answer, ExpectedPosition
 
 POINT_COLUMNS = (
     "point_id", "longitude_deg", "latitude_deg", "elevation_m", "level", "detection_probability",

@@ -16,16 +16,14 @@ from ..arrays import Array, Index
 from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
+from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.prediction import predict
-from ..catalog.public import CatalogOrPath, opened_catalog
 from ..constants import MOON_RADIUS_M
-from ..ephemeris.solar_position import apparent_sun
-from ..ephemeris.table import sun_table
+from ..ephemeris.solar_position import apparent_sun, sun_table
 from ..ephemeris.times import Instants, Times, instants
 from ..errors import CatalogError
 from ..geometry.frames import EnuFrame, direction_enu
-from .expected_position import LEAST_POINTS, Query, answers
-from .frame_points import PAIRS_AT_ONCE, PlannedImage
+from .expected_position import LEAST_POINTS, PAIRS_AT_ONCE, PlannedImage, Query, answers
 
 Progress = Callable[[int, int], None]
 

@@ -3,6 +3,8 @@
 Scale, offset and missing values come from the label and not from GDAL: GDAL 3.10 to 3.12 gives
 scale 1 for LOLA's JP2 products (0.5 m counts), the radius of the sphere as an offset of height, and
 a nodata value that no label states.
+
+PVL, the language of PDS3 labels: statements, and their numbers, texts and lengths.
 """
 
 from __future__ import annotations
@@ -18,9 +20,135 @@ from typing import Any
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from ..geometry.bounds import wrapped_deg
-from . import pvl
 from .label import DeclaredStatistics, Label, file_bytes
-from .pvl import Pvl, Quantity
+
+Pvl = dict[str, Any]
+"""Statements of a label; an OBJECT or GROUP is a nested dictionary, a number with a unit a
+``Quantity``.
+"""
+
+_METRES = {"M": 1.0, "METER": 1.0, "METERS": 1.0, "METRE": 1.0, "METRES": 1.0}
+_METRES |= {
+    "KM": 1000.0,
+    "KILOMETER": 1000.0,
+    "KILOMETERS": 1000.0,
+    "KILOMETRE": 1000.0,
+    "KILOMETRES": 1000.0,
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number with the unit given after it in angle brackets, upper case."""
+
+    value: float
+    unit: str
+
+
+_DEPTH = 40
+"""Most nested objects; labels have three or four."""
+
+_TOKEN = re.compile(
+    r"""/\*.*?\*/ | (?P<string>"[^"]*"|'[^']*') | (?P<unit><[^>]*>) | (?P<mark>[={}(),])
+    | (?P<word>[^\s={}(),<>"']+)""",
+    re.S | re.X,
+)
+
+
+def parse_pvl(text: str) -> Pvl:
+    """Statements of an ODL/PVL text, up to END; of a repeated key the first value is kept. LabelError
+    for objects that are nested too deeply.
+    """
+    tokens = [m for m in _TOKEN.finditer(text) if m.lastgroup is not None]
+    stack: list[Pvl] = [{}]
+    at = 0
+    while at < len(tokens):
+        key = tokens[at].group().upper()
+        at += 1
+        if key == "END":
+            break
+        if at < len(tokens) and tokens[at].group() == "=":
+            value, at = _pvl_value(tokens, at + 1)
+        else:
+            value = None
+        if key in ("OBJECT", "GROUP", "BEGIN_OBJECT", "BEGIN_GROUP"):
+            found = stack[-1].setdefault(str(value).upper(), {})
+            stack.append(found if isinstance(found, dict) else {})  # the first value is kept
+            if len(stack) > _DEPTH:
+                raise LabelError(f"the label has more than {_DEPTH} nested objects")
+        elif key in ("END_OBJECT", "END_GROUP"):
+            if len(stack) > 1:
+                stack.pop()
+        elif value is not None:
+            stack[-1].setdefault(key, value)
+    return stack[0]
+
+
+def _pvl_value(tokens: list[re.Match[str]], at: int) -> tuple[Any, int]:
+    """The value that begins at token ``at``, and the index of the token after it."""
+    if at >= len(tokens):
+        return None, at
+    if tokens[at].group() in "({":
+        items: list[Any] = []
+        at += 1
+        while at < len(tokens) and tokens[at].group() not in ")}":
+            if tokens[at].group() in ",({":
+                at += 1
+                continue
+            item, at = _pvl_value(tokens, at)
+            items.append(item)
+        return items, at + 1
+    token = tokens[at]
+    value: Any = token.group()
+    value = " ".join(value[1:-1].split()) if token.lastgroup == "string" else _literal(value)
+    if at + 1 < len(tokens) and tokens[at + 1].lastgroup == "unit":
+        unit = " ".join(tokens[at + 1].group()[1:-1].split()).upper()
+        return (Quantity(value, unit) if isinstance(value, float) else value), at + 2
+    return value, at + 1
+
+
+def _literal(word: str) -> float | str:
+    try:
+        return float(word) if word[:1] in "+-.0123456789" else word
+    except ValueError:
+        return word
+
+
+def table(pvl: Pvl, key: str) -> Pvl | None:
+    """The OBJECT or GROUP of a name; None for anything else."""
+    value = pvl.get(key)
+    return value if isinstance(value, dict) else None
+
+
+def number(pvl: Pvl, key: str) -> float | None:
+    """The finite number of a key, without its unit; None for anything else."""
+    value = pvl.get(key)
+    value = value.value if isinstance(value, Quantity) else value
+    return float(value) if isinstance(value, float | int) and math.isfinite(value) else None
+
+
+def wanted(pvl: Pvl, key: str) -> float:
+    """The finite number of a key. LabelError if there is none."""
+    value = number(pvl, key)
+    if value is None:
+        raise LabelError(f"the label does not give {key} as a number (it says {pvl.get(key)!r})")
+    return value
+
+
+def text(pvl: Pvl, key: str) -> str:
+    """The upper-case text of a key, of a list its first item; empty if it is missing."""
+    value = pvl.get(key, "")
+    value = value[0] if isinstance(value, list) and value else value
+    return str(value.value if isinstance(value, Quantity) else value).upper()
+
+
+def metres(unit: str, key: str) -> float:
+    """Metres in a unit of length. LabelError with the key if the unit is unknown."""
+    factor = _METRES.get(unit.upper().strip())
+    if factor is None:
+        raise LabelError(f"the unit <{unit}> of {key} is not a known unit of length")
+    return factor
+
 
 log = logging.getLogger(__name__)
 _MAX_LABEL_BYTES = 262_144
@@ -57,7 +185,7 @@ def read_pds3(path: Path) -> Label:
 def parse_pds3(text: str, path: Path) -> Label:
     """The label with that text; ``path`` is the file that holds it."""
     try:
-        return _Interpreter(pvl.parse_pvl(text), path).label()
+        return _Interpreter(parse_pvl(text), path).label()
     except LabelError as error:
         raise LabelError(f"{path}: {error}") from None
 
@@ -80,8 +208,8 @@ class _Interpreter:
         plain = statements.get("UNCOMPRESSED_FILE", statements)
         self.compressed: Pvl | None = compressed if isinstance(compressed, dict) else None
         self.file: Pvl = plain if isinstance(plain, dict) else statements
-        self.image: Pvl = pvl.table(self.file, "IMAGE") or pvl.table(statements, "IMAGE") or {}
-        self.map: Pvl = pvl.table(statements, "IMAGE_MAP_PROJECTION") or {}
+        self.image: Pvl = table(self.file, "IMAGE") or table(statements, "IMAGE") or {}
+        self.map: Pvl = table(statements, "IMAGE_MAP_PROJECTION") or {}
         self.samples = _Samples(self.image, self.compressed)
 
     def label(self) -> Label:
@@ -93,8 +221,8 @@ class _Interpreter:
         projection = self._projection()
         lines, samples = self._size()
         name, offset = self._image_file()
-        line_offset = pvl.wanted(self.map, "LINE_PROJECTION_OFFSET")
-        sample_offset = pvl.wanted(self.map, "SAMPLE_PROJECTION_OFFSET")
+        line_offset = wanted(self.map, "LINE_PROJECTION_OFFSET")
+        sample_offset = wanted(self.map, "SAMPLE_PROJECTION_OFFSET")
         far = max(
             abs(x)
             for x in (line_offset, line_offset - lines, sample_offset, sample_offset - samples)
@@ -103,8 +231,8 @@ class _Interpreter:
             path=self.path,
             product_id=self._product_id(name),
             projection=projection,
-            center_lon_deg=pvl.wanted(self.map, "CENTER_LONGITUDE"),
-            center_lat_deg=pvl.wanted(self.map, "CENTER_LATITUDE"),
+            center_lon_deg=wanted(self.map, "CENTER_LONGITUDE"),
+            center_lat_deg=wanted(self.map, "CENTER_LATITUDE"),
             pixel_m=self._pixel_m(projection, far),
             line_offset=line_offset,
             sample_offset=sample_offset,
@@ -141,27 +269,27 @@ class _Interpreter:
             md5=None if md5 is None else md5.lower(),
             checksum=None if checksum is None else int(checksum),
             file_bytes=size,
-            north_deg=pvl.number(map_, "MAXIMUM_LATITUDE"),
-            south_deg=pvl.number(map_, "MINIMUM_LATITUDE"),
-            west_deg=pvl.number(map_, "WESTERNMOST_LONGITUDE"),
-            east_deg=pvl.number(map_, "EASTERNMOST_LONGITUDE"),
+            north_deg=number(map_, "MAXIMUM_LATITUDE"),
+            south_deg=number(map_, "MINIMUM_LATITUDE"),
+            west_deg=number(map_, "WESTERNMOST_LONGITUDE"),
+            east_deg=number(map_, "EASTERNMOST_LONGITUDE"),
         )
 
     def _refuse_foreign_maps(self) -> None:
-        target = pvl.text(self.root, "TARGET_NAME")
+        target = text(self.root, "TARGET_NAME")
         if target not in ("", "MOON"):
             raise LabelError(f"the label's target is {target}; only the Moon is supported")
-        if not target and pvl.number(self.map, "A_AXIS_RADIUS") is None:
+        if not target and number(self.map, "A_AXIS_RADIUS") is None:
             raise LabelError(
                 "the label has neither TARGET_NAME nor A_AXIS_RADIUS, so the body is unknown"
             )
         for key in ("A_AXIS_RADIUS", "B_AXIS_RADIUS", "C_AXIS_RADIUS"):
             self._refuse_foreign_radius(key, self._radius_m(key))
-        if pvl.text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
+        if text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
             raise LabelError("west-positive longitudes are not supported")
-        if (pvl.number(self.map, "MAP_PROJECTION_ROTATION") or 0.0) != 0.0:
+        if (number(self.map, "MAP_PROJECTION_ROTATION") or 0.0) != 0.0:
             raise LabelError(
-                f"a map rotated by {pvl.number(self.map, 'MAP_PROJECTION_ROTATION'):g} deg "
+                f"a map rotated by {number(self.map, 'MAP_PROJECTION_ROTATION'):g} deg "
                 "is not supported"
             )
         if any(key.startswith("OBLIQUE_PROJ") for key in self.map):
@@ -169,11 +297,11 @@ class _Interpreter:
 
     def _radius_m(self, key: str) -> float | None:
         value = self.map.get(key)
-        number = pvl.number(self.map, key)
-        if number is None:
+        radius = number(self.map, key)
+        if radius is None:
             return None
-        unit = value.unit if isinstance(value, Quantity) else ("KM" if number < 10_000.0 else "M")
-        return number * pvl.metres(unit, key)
+        unit = value.unit if isinstance(value, Quantity) else ("KM" if radius < 10_000.0 else "M")
+        return radius * metres(unit, key)
 
     @staticmethod
     def _refuse_foreign_radius(key: str, radius_m: float | None) -> None:
@@ -184,8 +312,8 @@ class _Interpreter:
             )
 
     def _projection(self) -> str:
-        name = pvl.text(self.map, "MAP_PROJECTION_TYPE").replace("_", " ")
-        latitude = pvl.wanted(self.map, "CENTER_LATITUDE")
+        name = text(self.map, "MAP_PROJECTION_TYPE").replace("_", " ")
+        latitude = wanted(self.map, "CENTER_LATITUDE")
         if name in _CYLINDRICAL:
             return "equirectangular"
         if name in ("POLAR STEREOGRAPHIC", "STEREOGRAPHIC") and abs(latitude) == 90.0:
@@ -200,10 +328,10 @@ class _Interpreter:
         )
 
     def _size(self) -> tuple[int, int]:
-        lines, samples = pvl.number(self.image, "LINES"), pvl.number(self.image, "LINE_SAMPLES")
-        lines = pvl.wanted(self.map, "LINE_LAST_PIXEL") if lines is None else lines
-        samples = pvl.wanted(self.map, "SAMPLE_LAST_PIXEL") if samples is None else samples
-        if lines < 1 or samples < 1 or (pvl.number(self.image, "BANDS") or 1.0) != 1.0:
+        lines, samples = number(self.image, "LINES"), number(self.image, "LINE_SAMPLES")
+        lines = wanted(self.map, "LINE_LAST_PIXEL") if lines is None else lines
+        samples = wanted(self.map, "SAMPLE_LAST_PIXEL") if samples is None else samples
+        if lines < 1 or samples < 1 or (number(self.image, "BANDS") or 1.0) != 1.0:
             raise LabelError(
                 f"an image of {lines:g} x {samples:g} pixels is not supported; at least one pixel and exactly one band are required"
             )
@@ -223,9 +351,7 @@ class _Interpreter:
             raise LabelError("the label does not name its image (^IMAGE)")
         if isinstance(place, Quantity):
             return name, file_bytes(place.value - (1 if place.value > 0 else 0), "^IMAGE")
-        record = (
-            pvl.number(self.file, "RECORD_BYTES") or pvl.number(self.root, "RECORD_BYTES") or 0.0
-        )
+        record = number(self.file, "RECORD_BYTES") or number(self.root, "RECORD_BYTES") or 0.0
         return name, file_bytes((place - 1.0) * record, "^IMAGE")
 
     def _product_id(self, image_name: str) -> str:
@@ -234,16 +360,16 @@ class _Interpreter:
 
     def _height_scale_m(self) -> float:
         for table in self.samples.tables():
-            factor, radius = pvl.number(table, "SCALING_FACTOR"), pvl.number(table, "OFFSET")
-            unit = pvl.text(table, "UNIT")
+            factor, radius = number(table, "SCALING_FACTOR"), number(table, "OFFSET")
+            unit = text(table, "UNIT")
             if (factor is None and not unit and not radius) or self._is_of_other_samples(table):
                 continue
             if factor is not None and factor <= 0.0:
                 raise LabelError(f"SCALING_FACTOR is {factor:g}")
-            metres = pvl.metres(unit, "UNIT") if unit else self._unstated_unit_m(factor, radius)
+            unit_m = metres(unit, "UNIT") if unit else self._unstated_unit_m(factor, radius)
             if radius:
-                self._refuse_foreign_radius("OFFSET", radius * metres)
-            return metres if factor is None else factor * metres
+                self._refuse_foreign_radius("OFFSET", radius * unit_m)
+            return unit_m if factor is None else factor * unit_m
         if self.compressed is not None:
             # SLDEM2015's JP2 labels state no scale; all JP2 files of the archive are int16 counts
             # of half a metre
@@ -261,7 +387,7 @@ class _Interpreter:
         return (
             self.compressed is not None
             and table is self.image
-            and "REAL" in pvl.text(table, "SAMPLE_TYPE")
+            and "REAL" in text(table, "SAMPLE_TYPE")
         )
 
     def _unstated_unit_m(self, factor: float | None, radius: float | None) -> float:
@@ -271,7 +397,7 @@ class _Interpreter:
         """
         if radius:
             return 1000.0 if radius < 10_000.0 else 1.0
-        if factor == 1.0 and "REAL" not in pvl.text(self.image, "SAMPLE_TYPE"):
+        if factor == 1.0 and "REAL" not in text(self.image, "SAMPLE_TYPE"):
             return 1.0
         raise LabelError(
             "SCALING_FACTOR has no UNIT, and no OFFSET shows it: metres or kilometres? Add UNIT to the label"
@@ -286,7 +412,7 @@ class _Interpreter:
         (1516.17 pix/deg at 20 m).
         """
         scale = self._map_scale_m()
-        resolution = pvl.number(self.map, "MAP_RESOLUTION")
+        resolution = number(self.map, "MAP_RESOLUTION")
         if resolution is not None and resolution <= 0.0:
             raise LabelError(f"MAP_RESOLUTION is {resolution:g}")
         rebuilt = None if resolution is None else math.radians(1.0) * MOON_RADIUS_M / resolution
@@ -320,20 +446,20 @@ class _Interpreter:
         kilometres).
         """
         value = self.map.get("MAP_SCALE")
-        number = pvl.number(self.map, "MAP_SCALE")
-        if number is None:
+        scale = number(self.map, "MAP_SCALE")
+        if scale is None:
             return None
-        if number <= 0.0:
-            raise LabelError(f"MAP_SCALE is {number:g}")
+        if scale <= 0.0:
+            raise LabelError(f"MAP_SCALE is {scale:g}")
         if isinstance(value, Quantity):
-            return number * pvl.metres(value.unit.split("/")[0].strip(), "MAP_SCALE")
-        resolution = pvl.number(self.map, "MAP_RESOLUTION")
+            return scale * metres(value.unit.split("/")[0].strip(), "MAP_SCALE")
+        resolution = number(self.map, "MAP_RESOLUTION")
         if resolution is None:
             raise LabelError(
                 "MAP_SCALE has no unit and there is no MAP_RESOLUTION: metres or kilometres?"
             )
         rebuilt = math.radians(1.0) * MOON_RADIUS_M / resolution
-        return min((number, number * 1000.0), key=lambda metres: abs(math.log(metres / rebuilt)))
+        return min((scale, scale * 1000.0), key=lambda metres: abs(math.log(metres / rebuilt)))
 
     def _compare_with_bounds(self, label: Label) -> None:
         """Refuse a cylinder whose offsets contradict its latitudes or longitudes (older LROC labels
@@ -346,8 +472,8 @@ class _Interpreter:
         north = (label.line_offset + 0.5) * label.pixel_m / degree_m
         west = label.center_lon_deg - (label.sample_offset + 0.5) * label.pixel_m / ring_m
         said_north, said_west = (
-            pvl.number(self.map, "MAXIMUM_LATITUDE"),
-            pvl.number(self.map, "WESTERNMOST_LONGITUDE"),
+            number(self.map, "MAXIMUM_LATITUDE"),
+            number(self.map, "WESTERNMOST_LONGITUDE"),
         )
         tolerance = 1.5 * label.pixel_m / ring_m
         if said_north is not None and abs(north - said_north) > tolerance:
@@ -363,7 +489,7 @@ class _Interpreter:
 
 
 def _first(tables: list[Pvl], *keys: str) -> float | None:
-    found = (pvl.number(table, key) for table in tables for key in keys)
+    found = (number(table, key) for table in tables for key in keys)
     return next((value for value in found if value is not None), None)
 
 
@@ -377,8 +503,8 @@ class _Samples:
     def dtype(self) -> str:
         """NumPy type of the samples of an uncompressed image."""
         kind, bits = (
-            pvl.text(self.image, "SAMPLE_TYPE"),
-            int(pvl.wanted(self.image, "SAMPLE_BITS")),
+            text(self.image, "SAMPLE_TYPE"),
+            int(wanted(self.image, "SAMPLE_BITS")),
         )
         if (kind, bits) not in _SAMPLES:
             raise LabelError(f"samples of type {kind} with {bits} bits are not supported")

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
-from . import pvl
+from . import pds3
 from .label import DeclaredStatistics, Label, file_bytes
 
 _DTYPES = {
@@ -91,7 +91,7 @@ class _Pds4:
         unit = self.found[key][0].get("unit", "") if key in self.found else ""
         if not unit:
             raise LabelError(f"{key} has no unit: metres or kilometres?")
-        return self.number(key) * pvl.metres(unit.split("/")[0], key)
+        return self.number(key) * pds3.metres(unit.split("/")[0], key)
 
     def label(self) -> Label:
         self._refuse_foreign_maps()
@@ -198,7 +198,7 @@ class _Pds4:
         unit, radius = self.text("unit"), self.maybe("value_offset")
         if not unit:
             raise LabelError("the heights have no unit: metres or kilometres?")
-        metres, factor = pvl.metres(unit, "unit"), self.maybe("scaling_factor")
+        metres, factor = pds3.metres(unit, "unit"), self.maybe("scaling_factor")
         if radius and abs(radius * metres - MOON_RADIUS_M) > 0.5:
             raise LabelError(
                 f"value_offset is {radius * metres:.10g} m and not the sphere's {MOON_RADIUS_M:.0f} m"

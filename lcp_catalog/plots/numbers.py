@@ -1,9 +1,18 @@
-"""Numbers in texts and on axes: few digits, round steps."""
+"""Numbers in texts and on axes: few digits, round steps.
+
+HTML pages from the jinja2 templates in ``templates/``, with their style sheets and scripts
+inline.
+
+A page refers to no other file and follows the reader's choice of light or dark colours.
+"""
 
 from __future__ import annotations
 
 import math
 import re
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 _POWER = re.compile(r"\b10\^(-?\d+)\b")
 _EXPONENT = re.compile(r"(?<![\w.])(\d(?:\.\d+)?)e([+-]\d{2,3})\b")
@@ -45,3 +54,24 @@ def _times_power(factor: str, exponent: int) -> str:
 
 def _power(exponent: int) -> str:
     return f"10{str(exponent).translate(_RAISED)}" if exponent else "1"
+
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("lcp_catalog.plots"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+_TEMPLATES.filters["typeset"] = typeset
+
+
+def page(template: str, **content: Any) -> str:
+    """The HTML text of a template (a file name in ``templates/``).
+
+    Texts in ``content`` are escaped; only `markupsafe.Markup` (drawings) is inserted as markup. The
+    filter ``typeset`` raises powers of ten in a text (`numbers.typeset`).
+    jinja2.UndefinedError for a name that the template uses and ``content`` lacks.
+    """
+    return _TEMPLATES.get_template(template).render(content)

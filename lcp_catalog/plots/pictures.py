@@ -1,5 +1,7 @@
 """Images for pages: values with gaps as grey pixels, reduced to a size that suits a page, and a PNG
 encoder that needs no raster library.
+
+Small text in pictures of pixels (OpenCV's Hershey font: ASCII only).
 """
 
 from __future__ import annotations
@@ -9,10 +11,31 @@ import math
 import struct
 import zlib
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import AnyArray, Array
+from ..arrays import AnyArray, Array, Bytes
+
+HEIGHT_PX = 9
+"""Height of a capital letter."""
+LINE_PX = 14
+"""Distance of two lines of text."""
+
+_FONT, _SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.4
+
+
+def width_px(text: str) -> int:
+    """Width of a line of text."""
+    return int(cv2.getTextSize(text, _FONT, _SCALE, 1)[0][0])
+
+
+def draw_text(picture: Bytes, left: int, top: int, text: str, colour: tuple[int, int, int]) -> None:
+    """Draw a line of text into a picture (rows, columns, 3), its capitals from row ``top`` down; parts outside the picture are
+    cut off.
+    """
+    cv2.putText(picture, text, (left, top + HEIGHT_PX), _FONT, _SCALE, colour, 1, cv2.LINE_AA)
+
 
 _COLOUR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}
 """Channels -> PNG colour type: grey, grey and alpha, RGB, RGBA."""

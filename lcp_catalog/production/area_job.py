@@ -26,10 +26,10 @@ from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.heightfield import Window
 from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Ground, Terrain, sample_patches
-from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, PlaceErrors, evaluate, image_scales
 from .recipe import Recipe
+from .region_maps import AreaGrid, AreaTask
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
 
 
@@ -41,7 +41,7 @@ class AreaJob:
     task: AreaTask
     grid: AreaGrid
     caches_mb: float = CACHES_BYTES / 1e6
-    """What the process may keep of the DEM's files (`worker_memory.caches_mb`)."""
+    """What the process may keep of the DEM's files (`run.caches_mb`)."""
 
     @property
     def conditions(self) -> Conditions:

@@ -47,7 +47,7 @@ _ENDING = ".parts"
 _LOCK, _NOTE, _AREA = "run.lock", "run.json", ".area"
 _AREAS = f"r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9]{_AREA}"
 _OF_LEVEL, _LEVEL = f"l[0-9][0-9]{_AREAS}", "level[0-9][0-9].h5"
-"""Names of checkpoints (`areas.AreaTask.name`), also of a level, and of the catalogues of levels; other
+"""Names of checkpoints (`region_maps.AreaTask.name`), also of a level, and of the catalogues of levels; other
 files in the folder are the user's.
 """
 

@@ -277,7 +277,7 @@ class SunConfig:
 
     def at(self, lat_deg: float) -> SunConfig:
         """The same with elevations, by default those for a region up to this latitude, north or south."""
-        from ..ephemeris.reachable import highest_sun_deg
+        from ..ephemeris.solar_position import highest_sun_deg
 
         if self.elevations_deg:
             return self
@@ -509,7 +509,7 @@ class ModelConfig:
         AUTO_LAW,
         f"Reflectance model of the surface (law): {', '.join(REFLECTANCE_MODELS)}; some take a parameter set, like "
         "hapke:wac-643-mare or minnaert:0.7.",
-        default=f"{AUTO_LAW}, chosen by the phase angles of the scene",  # `photometry.law_choice`
+        default=f"{AUTO_LAW}, chosen by the phase angles of the scene",  # `photometry.laws`
     )
     albedo: str | None = meant(
         None,
@@ -720,7 +720,7 @@ class BuildConfig:
     @property
     def files(self) -> tuple[Path, ...]:
         """The maps and the file of the reflectance model that the configuration names."""
-        from ..photometry.facet_file import law_file
+        from ..photometry.facet_model import law_file
 
         law = law_file(self.model.reflectance)
         maps = (self.model.albedo, self.dem.sigma_map, self.dem.resolution_map)

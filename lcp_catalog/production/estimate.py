@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..ephemeris.reachable import highest_sun_deg
+from ..ephemeris.solar_position import highest_sun_deg
 from ..memory import peak_mb, resident_mb
 from ..rendering.decisions import Decision
 from ..threads import limit_threads

@@ -17,13 +17,23 @@ from ..catalog.model import Promise
 from ..catalog.prediction import SunCells
 from ..catalog.schema import NO_CELL, Cause
 from ..constants import MOON_RADIUS_M, SUBSOLAR_LATITUDE_MAX_DEG
-from ..ephemeris.reachable import reachable_suns
+from ..ephemeris.solar_position import reachable_suns
 from ..errors import ConfigError
 from ..geometry.frames import enu_rotation, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
 from ..kernels.sun_moments import serve
-from ..landmarks.multicover import Cover, choose_cover, least_size, packed, unpacked
-from ..landmarks.selection import Nearby, Places, nearest, select, stable_id
+from ..landmarks.selection import (
+    Cover,
+    Nearby,
+    Places,
+    choose_cover,
+    least_size,
+    nearest,
+    packed,
+    select,
+    stable_id,
+    unpacked,
+)
 from ..terrain.area import Area
 from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells

@@ -20,8 +20,8 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap
-from ..photometry.facet_file import law_file
-from ..photometry.law_choice import LawChoice
+from ..photometry.facet_model import law_file
+from ..photometry.laws import LawChoice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
 from .config import BuildConfig, ModelConfig

@@ -6,6 +6,16 @@ two areas.
 Parts are computed by processes without a connection on a shared disk: the tasks of an array job. Part
 K of N computes the areas K, K + N, K + 2 N ... into the checkpoints beside the output, in any order, at
 the same time or not. The merge writes the catalogue, the same as that of one build.
+
+Memory of a process that computes areas, and the division of a region into areas that keep a promise
+about it.
+
+The peak of a process follows from its largest area. The figures here were fitted to peaks of 23 areas of
+16 to 1024 nodes, with 5 to 175 conditions, patches of 17 to 257 nodes and spacings of 4 to 136
+nodes: the sum of the terms was at most 11 MB (3 %) below a measured peak and at most 6 MB above it.
+`MARGIN_MB` is added.
+
+Public functions that make catalogues: a build, and a merge of several.
 """
 
 from __future__ import annotations
@@ -13,6 +23,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,26 +36,178 @@ from .._version import __version__
 from ..atomic_files import check_output
 from ..catalog.schema import COVERAGE_STATUS, SCHEMA_VERSION
 from ..catalog.verification import open_catalog
+from ..constants import MOON_RADIUS_M
+from ..dem.block_cache import CACHES_BYTES
 from ..dem.mosaic import DemSet, warn_of_disagreements
-from ..ephemeris.reachable import highest_sun_deg
+from ..dem.public import Dems, dem_paths
+from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, SunError
-from ..photometry.facet_file import law_file
-from ..terrain.area import Area
+from ..landmarks.corners import GROUP_EXTRA
+from ..photometry.facet_model import law_file
+from ..terrain.area import Area, NodeWindow
+from ..terrain.surroundings import most_nodes
 from ..terrain.useful_cell import Cell, warn_of_region
-from .area_job import AreaJob, run_area
-from .areas import AreaTask, reached
+from .area_job import AreaJob, conditions_at, run_area
 from .assembly import Assembly
 from .checkpoints import Checkpoints
-from .config import BuildConfig
+from .config import AREA_NODES_MIN, BuildConfig
+from .evaluation import _BATCH_NODES, image_scales
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
-from .merging import merge_catalogs
+from .merging import MergeReport, merge_catalogs
 from .promise import PromiseChoice
 from .recipe import InputFiles, Recipe, cells
-from .sweep import Conditions
-from .worker_memory import caches_mb, divided
+from .region_maps import AreaGrid, AreaTask, plan_areas, reached
+from .sweep import Conditions, lowest_off_nadir_deg
 
 log = logging.getLogger(__name__)
+
+
+START_MB = 309.0
+"""The package with its kernels, and a small part of a DEM. 150 MB of it are mapped files of libraries. Linux
+maps 80 MB more of files that have just been installed (until they leave the page cache); these pages, which
+processes share and the system can evict, are not counted."""
+
+MARGIN_MB = 40.0
+"""More than any measured peak was above the sum of the terms, and what the plan leaves in a process that
+computes areas itself (37 MB)."""
+
+CACHES_MIN_MB = 32.0
+"""Least memory for what is kept of the DEM's files (`dem.block_cache`)."""
+
+CACHES_SHARE = 0.25
+"""Share for them of what a promise leaves beside `START_MB`."""
+
+_CORE_BYTES = 122.0
+"""Of a node that is rendered: its normals, coordinates and slopes."""
+_TERRAIN_BYTES = 12.3
+"""Of a node of the terrain, with that around the area."""
+_SUN_BYTES = 1.7
+"""Of a rendered node for each Sun: its shadow, and that of the part around a group of candidates."""
+_IMAGE_BYTES = 6.6
+"""Of a node of the images that are evaluated together."""
+_PATCH_BYTES = 19.6
+"""Of a node of the patches that are evaluated together."""
+_RESULT_BYTES = 4.1
+"""For each byte of the results of candidates, which are merged and packed."""
+_TURNED = 2.0
+"""Factor of the core and its shadows where meridians converge: groups of candidates have their own."""
+
+
+def caches_mb(memory_gb: float | None) -> float:
+    """Memory for what a worker keeps of the DEM's files under a promise in GB, MB."""
+    most = CACHES_BYTES / 1e6
+    if memory_gb is None:
+        return most
+    return min(most, max(CACHES_MIN_MB, CACHES_SHARE * (memory_gb * 1e3 - START_MB)))
+
+
+def area_mb(window: NodeWindow, lat_deg: float, config: BuildConfig) -> float:
+    """Greatest memory of a process that computes an area of such a window, MB, without what it keeps of the
+    DEM's files.
+    """
+    gsd_m = config.gsd_m
+    core = window.grown(config.points.halo_nodes(gsd_m))
+    lowest = math.tan(math.radians(min(config.sun.elevations_deg)))
+    view = math.radians(90.0 - lowest_off_nadir_deg(config))
+    around = math.inf if view >= math.pi / 2 else math.tan(view)
+    limit_m = config.model.ring_max_km * 1e3
+    nodes, terrain = math.prod(core.shape), most_nodes(core, gsd_m, lowest, around, limit_m)
+    conditions = conditions_at(lat_deg, config)
+    images = min(max(1, _BATCH_NODES // nodes), max(1, conditions.count))
+    spacing = config.points.spacing_nodes(gsd_m)
+    cells = math.prod(side // spacing + 2 for side in window.shape)
+    found = (config.points.candidates_per_cell + GROUP_EXTRA) * cells
+    scales = len(image_scales(config.points.patch_nodes))
+    results = found * int(np.prod(conditions.shape)) * (16 * scales + 21)
+    turned = _TURNED if _turns(window, lat_deg, config) else 1.0
+    size = (
+        turned * nodes * (_CORE_BYTES + _SUN_BYTES * int(conditions.reachable.sum()))
+        + _TERRAIN_BYTES * terrain
+        + _IMAGE_BYTES * images * nodes
+        + _PATCH_BYTES * images * found * config.points.patch_nodes**2
+        + _RESULT_BYTES * results
+    )
+    return START_MB + MARGIN_MB + size / 1e6
+
+
+def _turns(window: NodeWindow, lat_deg: float, config: BuildConfig) -> bool:
+    """True if the north of a place of the window can differ from that of its centre by more than the
+    direction tolerance.
+    """
+    away_m = max(-window.col0, window.col1, -window.row0, window.row1) * config.gsd_m
+    highest = min(abs(math.radians(lat_deg)) + away_m / MOON_RADIUS_M, math.radians(89.9))
+    turn_rad = away_m * math.tan(highest) / MOON_RADIUS_M
+    return turn_rad > math.radians(config.model.direction_tolerance_deg)
+
+
+def worker_mb(tasks: list[AreaTask], config: BuildConfig, memory_gb: float) -> float:
+    """Greatest memory, MB, of a process that computes areas, with what it keeps of the DEM's files."""
+    largest: dict[int, AreaTask] = {}
+    for task in tasks:
+        other = largest.setdefault(task.row, task)
+        if math.prod(task.window.shape) > math.prod(other.window.shape):
+            largest[task.row] = task
+    areas = (area_mb(task.window, task.lat_deg, config) for task in largest.values())
+    return caches_mb(memory_gb) + max(areas, default=START_MB)
+
+
+def divided(
+    region: Area, config: BuildConfig, memory_gb: float | None
+) -> tuple[BuildConfig, AreaGrid, list[AreaTask]]:
+    """The areas of a region, small enough that a process that computes them keeps within ``memory_gb`` (GB;
+    None: no limit), with their grid and the configuration with the ``area_nodes_max`` that gives
+    them.
+
+    ConfigError, with the memory that the smallest areas need, if that is more.
+    """
+    gsd_m = config.gsd_m
+    while True:
+        grid = AreaGrid.for_cell(gsd_m, config.model)
+        tasks = plan_areas(grid, region, gsd_m)
+        if memory_gb is None or not tasks:
+            return config, grid, tasks
+        if worker_mb(tasks, config, memory_gb) <= memory_gb * 1e3:
+            return config, grid, tasks
+        lat_deg = max((task.lat_deg for task in tasks), key=abs)
+        side = math.ceil(math.radians(grid.height_deg) * MOON_RADIUS_M / gsd_m)
+        nodes = _most_nodes(side - 1, lat_deg, config, memory_gb)
+        model = replace(config.model, area_nodes_max=nodes)
+        config = replace(config, model=model)
+        log.info("areas of at most %d nodes for %g GB a worker", nodes, memory_gb)
+
+
+def _most_nodes(below: int, lat_deg: float, config: BuildConfig, memory_gb: float) -> int:
+    """Greatest number of nodes along an area's side, at most ``below``, that keeps the promise."""
+    room_mb = memory_gb * 1e3 - caches_mb(memory_gb)
+    low, high = AREA_NODES_MIN, below
+    least_mb = area_mb(_square(low), lat_deg, config)
+    if high < low or least_mb > room_mb:
+        need_gb = math.ceil((least_mb + _caches_beside(least_mb)) / 10.0) / 100.0
+        raise ConfigError(
+            f"a memory of {memory_gb:g} GB is too small: a worker needs {need_gb:.2f} GB for the smallest areas, "
+            f"of {AREA_NODES_MIN} nodes; give at least that (`memory_gb`)"
+        )
+    while low < high:
+        middle = (low + high + 1) // 2
+        if area_mb(_square(middle), lat_deg, config) <= room_mb:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+def _caches_beside(area: float) -> float:
+    """Memory of the caches, MB, under the least promise that leaves so much for an area."""
+    share = CACHES_SHARE / (1.0 - CACHES_SHARE)
+    return min(CACHES_BYTES / 1e6, max(CACHES_MIN_MB, share * (area - START_MB)))
+
+
+def _square(nodes: int) -> NodeWindow:
+    """The window of an area of so many nodes, with the margin of those at the region's border."""
+    half = math.ceil(nodes * 25 / 48) + 2
+    return NodeWindow(-half, half, -half, half)
+
 
 Progress = Callable[[int, int], None]
 
@@ -99,7 +262,7 @@ class Build:
         region has none, or for a level that no DEM resolves.
 
         memory_gb: greatest memory of a process that computes areas (GB); areas are made smaller for it,
-        which the recipes' ``config`` says (`worker_memory.divided`).
+        which the recipes' ``config`` says (`run.divided`).
         """
         inputs = InputFiles()
         dems = DemSet.open(dem_paths, config.dem.product_order)
@@ -196,7 +359,7 @@ def most_poleward(region: Area) -> float:
 
 @dataclass(frozen=True)
 class BuildRun:
-    """A planned build that is carried out, whole or in parts; options as in `public.build_catalog`. ConfigError
+    """A planned build that is carried out, whole or in parts; options as in `build_catalog`. ConfigError
     for less than one job.
 
     Finished areas are kept beside the output until the catalogue has been written.
@@ -221,7 +384,7 @@ class BuildRun:
         return Checkpoints.beside(self.output, self.build.fingerprint())
 
     def whole(self) -> BuildReport:
-        """Compute all areas and write the catalogue. Raises as `public.build_catalog`."""
+        """Compute all areas and write the catalogue. Raises as `build_catalog`."""
         check_output(self.output, self.overwrite, self.build.files)
         with self.checkpoints.locked():
             self.checkpoints.begin(self.resume, self.overwrite)
@@ -388,3 +551,170 @@ def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:
         f"the Sun never reaches the requested directions: at latitude {least:.1f} deg its elevation is at most "
         f"{highest_sun_deg(least):.1f} deg, the lowest of `sun.elevations_deg` is {lowest:g}; give lower ones"
     )
+
+
+def planned_build(
+    dem: Dems,
+    config: BuildConfig | Path | str | None = None,
+    *,
+    center_deg: tuple[float, float] | None = None,
+    size_km: float | None = None,
+    bounds_deg: tuple[float, float, float, float] | None = None,
+    gsd_m: float | None = None,
+    memory_gb: float | None = None,
+) -> Build:
+    """The plan of a build; parameters as `build_catalog`."""
+    config = config or BuildConfig()
+    if isinstance(config, Path | str):
+        config = BuildConfig.from_toml(Path(config))
+    given: dict[str, object] = {
+        "area.center_deg": None if center_deg is None else tuple(center_deg),
+        "area.size_km": size_km,
+        "area.bounds_deg": None if bounds_deg is None else tuple(bounds_deg),
+        "area.gsd_m": gsd_m,
+        "dem.product_order": (isinstance(dem, DemSet) and dem.order) or None,
+    }
+    config = config.replaced({name: value for name, value in given.items() if value is not None})
+    return Build.plan(dem_paths(dem), config, memory_gb)
+
+
+def build_catalog(
+    dem: Dems,
+    output: Path | str,
+    *,
+    config: BuildConfig | Path | str | None = None,
+    center_deg: tuple[float, float] | None = None,
+    size_km: float | None = None,
+    bounds_deg: tuple[float, float, float, float] | None = None,
+    gsd_m: float | None = None,
+    jobs: int = 1,
+    memory_gb: float | None = None,
+    scheduler: str | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    keep_going: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> BuildReport:
+    """Build a catalogue of control points from DEM files.
+
+    The region is divided into areas. Each is rendered for every Sun and view that can occur there;
+    points are kept if they can be localised, are unique within the search radius, and do not depend
+    on the relief around them.
+
+    Parameters
+    ----------
+    dem:
+        DEM files, or an opened set.
+    output:
+        The catalogue, .h5.
+    config:
+        Suns, views, points, errors and model: a `BuildConfig`, or a BUILD.toml. None: the defaults.
+    center_deg, size_km:
+        Longitude and latitude of the region's centre, degrees, and its side; in place of the
+        configuration's region. Without a region: the whole DEM.
+    bounds_deg:
+        Or its west, south, east, north, degrees.
+    gsd_m:
+        Cell size, in place of the configuration's; None: by the DEM's effective resolution.
+    jobs:
+        Areas computed at the same time, each in a process; the result does not depend on it.
+    memory_gb:
+        Greatest memory of each process; areas are made smaller for it, which changes the points near
+        their borders.
+    scheduler:
+        Address, or scheduler file, of a dask scheduler that computes the areas instead.
+    resume:
+        True: keep the finished areas of an interrupted run with the same inputs.
+    overwrite:
+        True: replace an existing output; with ``resume`` also areas of a run with other inputs.
+    keep_going:
+        True: leave out areas that fail; the report names them.
+    progress:
+        Called with the number of finished areas and of all.
+
+    Returns
+    -------
+    BuildReport
+        Numbers of ``points`` and ``areas``, ``failed`` areas with their causes, the ``files`` read.
+
+    Raises
+    ------
+    AreaError, ConfigError, SunError
+        For a region without cells, too little memory, a Sun that reaches no configured direction.
+    AreaFailedError
+        If an area fails.
+    OutputExistsError, OutputError
+        For the output.
+
+    Examples
+    --------
+    >>> config = lcp.BuildConfig.from_dict({
+    ...     "sun": {"elevations_deg": [15.0], "azimuths_deg": [90.0, 105.0]},
+    ...     "view": {"off_nadir_deg": [0.0], "azimuth_deg": [0.0], "altitude_km": [float("inf")]},
+    ...     "points": {"patch_nodes": 17, "spacing_m": 2000.0, "search_m": 2000.0},
+    ... })
+    >>> dem = folder / "hadley_gld100_256ppd.tif"
+    >>> report = lcp.build_catalog(
+    ...     dem, folder / "one.h5", config=config, center_deg=(3.5, 26.0), size_km=15, gsd_m=240
+    ... )
+    >>> report.points > 0, report.failed
+    (True, {})
+    """
+    build = planned_build(
+        dem,
+        config,
+        center_deg=center_deg,
+        size_km=size_km,
+        bounds_deg=bounds_deg,
+        gsd_m=gsd_m,
+        memory_gb=memory_gb,
+    )
+    return BuildRun(
+        build,
+        Path(output),
+        jobs=jobs,
+        scheduler=scheduler,
+        resume=resume,
+        overwrite=overwrite,
+        keep_going=keep_going,
+        progress=progress,
+    ).whole()
+
+
+def merge(
+    catalogs: Sequence[Path | str], output: Path | str, *, overwrite: bool = False
+) -> MergeReport:
+    """Join catalogues of neighbouring regions, or of several cell sizes, into one without doubles.
+    Their order does not change it.
+
+    Of points with the same id, and of points of one level nearer to each other than the spacing, the
+    one with more usable conditions is kept, as in a build.
+
+    Parameters
+    ----------
+    catalogs:
+        Files with the same Suns, views, image scales, patch sizes and errors.
+    output:
+        The joined catalogue, .h5.
+    overwrite:
+        True: replace an existing output.
+
+    Returns
+    -------
+    MergeReport
+        Numbers of points read and written, of doubles and of points that were too near.
+
+    Raises
+    ------
+    CatalogError
+        For a file that is no catalogue, or does not go with the first.
+    OutputExistsError, OutputError
+        For the output.
+
+    Examples
+    --------
+    >>> done = lcp.merge([catalog, catalog], folder / "both.h5")
+    >>> done.points == len(lcp.open_catalog(catalog))
+    True
+    """
+    return merge_catalogs(catalogs, output, overwrite)

@@ -18,15 +18,17 @@ from numpy.typing import NDArray
 from ..accuracy import Accuracy
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.view import CameraView, ParallelView, slant_range_m
-from ..ephemeris.reachable import reachable_suns
+from ..ephemeris.solar_position import reachable_suns
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
-from ..photometry.law_choice import LawChoice, choose, named
 from ..photometry.laws import (
     SLOPE_STEP,
+    LawChoice,
     NearLight,
     Reflectance,
+    choose,
     differences,
+    named,
     planes_of,
     radiance_of_nodes,
     steeper,

@@ -25,8 +25,7 @@ from ..constants import SOLAR_RADIUS_RAD
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..errors import CameraError, ImageError
 from ..geometry.frames import Direction, EnuFrame
-from ..light.bounced_light import BOUNCE_RMS, bounced_bound, bounced_sample
-from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
+from ..light.bounced_light import BOUNCE_RMS, SKY_FLOOR_RAD, bounced_bound, bounced_sample, sky_rms
 from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
@@ -35,15 +34,13 @@ from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, terrain_from_area
 from ..terrain.useful_cell import warn_of_region
 from . import decisions
-from .compositing import Backdrop, composite
 from .decisions import Decision
 from .placement import RING_MAX_M, area_of, cells_extent, place_on_terrain
 from .plan import ScenePlan, choose_model, parallel_view, plan_scene, ring_decision
 from .renderer import Rendering, render_camera, render_enu
-from .request import Request
+from .request import Backdrop, Request, composite
 from .scene import Scene, require_visible
-from .sphere_pipeline import SphereScene, prepare_sphere
-from .sphere_renderer import render_sphere_camera, render_sphere_enu
+from .sphere_pipeline import SphereScene, prepare_sphere, render_sphere_camera, render_sphere_enu
 
 log = logging.getLogger(__name__)
 

@@ -18,8 +18,7 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
 from ..cameras.view import CameraView, MovingView, ParallelView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
-from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
-from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from ..photometry.laws import DEFAULT_MODEL, SLOPE_RMS, LawChoice, Reflectance, choose
 from ..terrain.relief_bounds import (
     Relief,
     Steepness,
@@ -41,8 +40,6 @@ from .decisions import (
     LightWords,
     MergedDecision,
     RayMethod,
-)
-from .error_bounds import (
     horizon_beyond_rad,
     limb_tangent,
     parallel_direction,

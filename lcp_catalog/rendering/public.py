@@ -1,25 +1,218 @@
-"""Public function that renders an area of the Moon."""
+"""Public function that renders an area of the Moon.
+
+A render as the bytes of a file: bands and tags; and the document of an explained plan.
+
+Rendered rasters as GeoTIFF and PNG, encoded in memory; the same input gives the same bytes.
+
+`atomic_files` writes the bytes, so that a full disk raises an error: GDAL ignores some errors when it
+closes a file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import rasterio
+from numpy.typing import ArrayLike, NDArray
+from rasterio.enums import ColorInterp
+from rasterio.errors import NotGeoreferencedWarning
+from rasterio.io import MemoryFile
+from rasterio.transform import Affine
+
+from .._version import __version__
 from ..accuracy import accuracy as accuracy_of
 from ..atomic_files import check_output, write_bytes
 from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
+from ..constants import FRAME, MOON_RADIUS_M
 from ..dem.public import Dems, dem_set
+from ..geometry.frames import EnuFrame
+from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
-from ..photometry.law_choice import law_of
-from ..photometry.laws import Reflectance
+from ..photometry.laws import Reflectance, law_of
 from ..terrain.area import Area
-from .output import encode
 from .pipeline import prepare
 from .renderer import Rendering
 from .request import Request, ViewAngles, ViewChoice
+from .scene import Scene
+
+TILE = 256
+_GAMMA = 1.2
+_WHITE_PERCENTILE = 99.5
+
+
+def orthographic_crs(frame: EnuFrame) -> rasterio.CRS:
+    """The CRS whose x and y are the frame's east and north, in metres, for points of the reference
+    sphere.
+
+    A point at height h has the map position of the sphere's point on the same vertical of the frame,
+    not on its own vertical. At d metres from the centre, its longitude and latitude therefore differ
+    by about h d / R metres.
+    """
+    return rasterio.CRS.from_wkt(MapPlane(ORTHOGRAPHIC, frame.lon_deg, frame.lat_deg).wkt)
+
+
+def node_transform(x0_m: float, y0_m: float, gsd_m: float) -> Affine:
+    """The transform of a raster whose pixel (0, 0) has its centre at the node (x0_m, y0_m)."""
+    return Affine(gsd_m, 0.0, x0_m - gsd_m / 2, 0.0, -gsd_m, y0_m + gsd_m / 2)
+
+
+def geotiff(
+    bands: Mapping[str, ArrayLike],
+    dtype: str,
+    tags: Mapping[str, str],
+    crs: rasterio.CRS | None = None,
+    transform: Affine | None = None,
+    units: Sequence[str] | None = None,
+    colours: Mapping[str, str] | None = None,
+) -> bytes:
+    """A cloud-optimised GeoTIFF, compressed with deflate, with named bands of one shape; nodata is NaN.
+    Overviews are means; the bands have their statistics as metadata. ``colours``: the colour (red,
+    green, blue) of bands that are shown in one.
+    """
+    rows, columns = np.shape(next(iter(bands.values())))
+    with warnings.catch_warnings(), MemoryFile() as memory:
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
+        with memory.open(
+            driver="COG",
+            width=columns,
+            height=rows,
+            count=len(bands),
+            dtype=dtype,
+            nodata=np.nan,
+            crs=crs,
+            transform=transform,
+            blocksize=TILE,
+            compress="deflate",
+            predictor="floating_point",
+            bigtiff="if_safer",
+            overview_resampling="average",
+            statistics="yes",
+        ) as file:
+            for index, (name, band) in enumerate(bands.items(), start=1):
+                file.write(np.asarray(band).astype(dtype, copy=False), index)
+                file.set_band_description(index, name)
+            if units is not None:
+                file.units = tuple(units)
+            if colours:
+                shown = [colours.get(name, "undefined") for name in bands]
+                file.colorinterp = tuple(ColorInterp[name] for name in shown)
+            file.update_tags(**tags)
+        return bytes(memory.getbuffer())
+
+
+def picture(radiance: ArrayLike) -> NDArray[np.uint8]:
+    """Values of a radiance for display, in its shape (with a first axis of three: in colour): 0 is
+    black, the 99.5th percentile of all lit values is white, gamma 1.2.
+    """
+    values = np.nan_to_num(np.asarray(radiance, dtype=np.float64), nan=0.0)
+    lit = values[values > 0]
+    white = np.percentile(lit, _WHITE_PERCENTILE) if lit.size else 1.0
+    grey = np.clip(values / white, 0.0, 1.0) ** (1 / _GAMMA)
+    return np.round(255 * grey).astype(np.uint8)
+
+
+def png(values: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
+    """A PNG of 8 or 16 bits: grey (rows, cols), or red, green and blue (3, rows, cols)."""
+    planes = values.reshape(-1, *values.shape[-2:])
+    count, rows, columns = planes.shape
+    with warnings.catch_warnings(), MemoryFile() as memory:
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        dtype = values.dtype.name
+        with memory.open(
+            driver="PNG", width=columns, height=rows, count=count, dtype=dtype
+        ) as file:
+            file.write(planes)
+        return bytes(memory.getbuffer())
+
+
+COLOURS = ("red", "green", "blue")
+
+
+def encode(scene: Scene, result: Rendering) -> bytes:
+    """The GeoTIFF of ``lcp render``."""
+    bands: dict[str, ArrayLike] = {
+        "radiance": result.radiance,
+        "sunlit": result.sunlit,
+        "visible": result.visible,
+        "incidence": result.incidence_deg,
+        "emission": result.emission_deg,
+        "phase": result.phase_deg,
+    }
+    units = ["1", "1", "1", "degree", "degree", "degree"]
+    if result.position_mcmf_m is not None:
+        bands |= dict(zip("xyz", np.moveaxis(result.position_mcmf_m, -1, 0), strict=True))
+        units += ["metre"] * 3
+        if result.composite is not None:
+            bands["composite"] = result.composite
+            units.append("1")
+        colours = _add_colours(bands, units, result)
+        return geotiff(bands, "float64", tags(scene), units=units, colours=colours)
+    assert result.height_m is not None
+    bands["height"] = result.height_m
+    units.append("metre")
+    colours = _add_colours(bands, units, result)
+    assert scene.gsd_m is not None
+    transform = node_transform(*scene.corner_m, scene.gsd_m)
+    crs = orthographic_crs(scene.frame)
+    return geotiff(bands, "float32", tags(scene), crs, transform, units, colours)
+
+
+def _add_colours(
+    bands: dict[str, ArrayLike], units: list[str], result: Rendering
+) -> dict[str, str]:
+    """Add the radiance in red, green and blue, if there is one; return the colours of these bands."""
+    if result.colour is None:
+        return {}
+    colours = {f"radiance_{colour}": colour for colour in COLOURS}
+    bands |= dict(zip(colours, result.colour, strict=True))
+    units += ["1"] * len(colours)
+    return colours
+
+
+def tags(scene: Scene) -> dict[str, str]:
+    """The tags of a result; they have no paths and no clock time."""
+    frame = scene.frame
+    gsd = {} if scene.gsd_m is None else {"gsd_m": repr(float(scene.gsd_m))}
+    dems = scene.request.dems
+    found = {
+        "body": "MOON",
+        "frame": FRAME,
+        "software": f"lcp {__version__}",
+        "center_lon": repr(float(frame.lon_deg)),
+        "center_lat": repr(float(frame.lat_deg)),
+        "reference_radius_m": repr(MOON_RADIUS_M),
+        **gsd,
+        "sun_azimuth": repr(scene.sun.azimuth_deg),
+        "sun_elevation": repr(scene.sun.elevation_deg),
+        "sun_direction_mcmf": json.dumps(frame.direction_to_mcmf(scene.sun).tolist()),
+        "camera": json.dumps(scene.view.describe(), sort_keys=True),
+        "sun_model": "disc" if scene.light.first.disc is not None else "point",
+        "light": json.dumps(scene.light.describe(), sort_keys=True),
+        "reflectance": scene.model.name,
+        "accuracy": scene.request.accuracy.tier,
+        "surface": "heightfield" if scene.plan.relief.modelled else "sphere",
+        "dem": json.dumps([dem.path.name for dem in dems.dems] if dems is not None else []),
+        "scene_plan": str(scene.plan),
+    }
+    if scene.request.environment is not None:
+        found["environment"] = json.dumps(scene.request.environment.report, sort_keys=True)
+    return found | ({"albedo": str(scene.request.albedo)} if scene.request.albedo else {})
+
+
+def explain(scene: Scene) -> dict[str, Any]:
+    """The document of an explained plan: the plan's decisions, and the light."""
+    light = scene.light.describe()
+    if scene.request.environment is not None:
+        light["environment"] = scene.request.environment.report
+    return scene.plan.to_json() | {"light": light}
 
 
 def render(

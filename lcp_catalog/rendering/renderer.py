@@ -28,13 +28,12 @@ from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ParallelView, ScannerView, View, camera_view, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
-from ..light.bounced_light import Brightness, bounced_at_points
-from ..light.sky_sampling import sky_at_nodes, sky_at_points
+from ..light.bounced_light import Brightness, bounced_at_points, sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_horizon
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
-from ..terrain.horizons import HorizonPoints
+from ..terrain.far_terrain import HorizonPoints
 from ..terrain.occlusion import occluded
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain

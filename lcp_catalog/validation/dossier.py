@@ -22,10 +22,8 @@ from ..catalog.summary import Statistics, summary, summary_rows
 from ..catalog.verification import open_catalog
 from ..constants import FRAME
 from ..errors import ConfigError
-from ..navigation.expected_position import SOURCES, Answer, Query, answers
-from ..navigation.frame_points import PlannedImage
-from ..plots.html_page import page
-from ..plots.numbers import number
+from ..navigation.expected_position import SOURCES, Answer, PlannedImage, Query, answers
+from ..plots.numbers import number, page
 from .requirement import NUMBERS, Requirement
 
 FRAME_NUMBERS = (

@@ -21,8 +21,7 @@ from ..matching.pose import PositionError
 from ..matching.position_fix import BY_ALL_POINTS, LOCATED
 from ..matching.sun_check import SunCheck
 from ..plots.axes import Axes, Axis
-from ..plots.html_page import page
-from ..plots.numbers import number
+from ..plots.numbers import number, page
 from ..plots.pictures import data_uri, grey, shrunk
 from . import report_pictures as drawings
 from .claims import GATE_PX, GATE_SIGMAS, Bin, Scores

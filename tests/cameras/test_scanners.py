@@ -10,9 +10,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog.cameras.distortion import FocalPlane, LroNac, NoLens, OnPlane
-from lcp_catalog.cameras.scanners import BEYOND, LineScanner, PushFrame
+from lcp_catalog.cameras.scanners import BEYOND, Attitude, LineScanner, PushFrame, Track, Trajectory
 from lcp_catalog.cameras.sensor import POSE, Reduced, Uncertainty, pixel_size_m
-from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 from lcp_catalog.cameras.view import footprint
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError

@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lcp_catalog.cameras.camera_file import read_camera, read_sensor
+from lcp_catalog.cameras.camera_file import camera_from_tsai, is_tsai, read_camera, read_sensor
 from lcp_catalog.cameras.frame_camera import camera_from_json
-from lcp_catalog.cameras.tsai import camera_from_tsai, is_tsai
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
 

@@ -15,7 +15,7 @@ import xarray
 from helpers import catalogs
 from helpers.products import DEGREE_M, geotiff
 
-from lcp_catalog.catalog import content, summary
+from lcp_catalog.catalog import catalogue, summary
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.verification import open_catalog, verify
@@ -324,7 +324,7 @@ class TestTheFile:
         """One byte changed at 60 places: the change is detected, or the values read are equal all
         the same.
         """
-        sound = content.values(open_catalog(path))
+        sound = catalogue.values(open_catalog(path))
         assert catalogs.noticed_damage(path, sound, tmp_path / "turned.h5", seed=5) > 15
 
     @pytest.mark.parametrize(

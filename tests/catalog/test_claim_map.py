@@ -15,7 +15,7 @@ import pytest
 from helpers import catalogs
 from helpers.pages import in_browser, logged, parsed
 
-from lcp_catalog.catalog import claim_map, report
+from lcp_catalog.catalog import report
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.charts import ReliefMap
 from lcp_catalog.catalog.summary import Statistics, summary
@@ -54,7 +54,7 @@ def decoded(found: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def test_the_page_holds_what_the_catalogue_claims() -> None:
     catalog = catalogs.catalog(20)
-    found = claim_map.claim_map(*given(catalog))
+    found = report.claim_map(*given(catalog))
     assert found is not None
     planes = decoded(found)
     suns = np.array(found["suns"])
@@ -76,9 +76,9 @@ def test_a_page_for_many_points_shows_an_even_sample() -> None:
     catalog = catalogs.catalog(40)
     suns = Statistics.of(catalog).suns.sum()
     one = suns * 3
-    whole = claim_map.claim_map(*given(catalog), 40 * one * 13)
-    fewer = claim_map.claim_map(*given(catalog), 40 * one * 13 - 1)
-    some = claim_map.claim_map(*given(catalog), 10 * one * 5)
+    whole = report.claim_map(*given(catalog), 40 * one * 13)
+    fewer = report.claim_map(*given(catalog), 40 * one * 13 - 1)
+    some = report.claim_map(*given(catalog), 10 * one * 5)
     assert whole is not None
     assert fewer is not None
     assert some is not None
@@ -98,7 +98,7 @@ def test_a_page_for_many_points_shows_an_even_sample() -> None:
 
 def test_a_point_north_of_another_is_drawn_above_it() -> None:
     catalog = catalogs.catalog(9)
-    found = claim_map.claim_map(*given(catalog))
+    found = report.claim_map(*given(catalog))
     assert found is not None
     by_latitude = sorted(found["points"], key=lambda point: point[2])
     assert by_latitude[0][4] > by_latitude[-1][4]
@@ -121,12 +121,12 @@ def test_the_section_is_there_with_claims_only() -> None:
     assert not re.search(r"url\(|@import|https?://|//cdn|<link|<iframe", html)
     empty = catalogs.catalog(0)
     assert not {"chooser", "numbers"} & set(parsed(report.render_report(empty, "c.h5")).ids)
-    assert claim_map.claim_map(*given(empty)) is None
+    assert report.claim_map(*given(empty)) is None
 
 
 def test_the_page_holds_coverage_and_heights() -> None:
     catalog = catalogs.catalog(20)
-    found = claim_map.claim_map(*given(catalog))
+    found = report.claim_map(*given(catalog))
     assert found is not None
     suns = np.array(found["suns"])
     cells, near = found["cells"], catalog.coverage.usable
@@ -140,7 +140,7 @@ def test_the_page_holds_coverage_and_heights() -> None:
     unknown = dataclasses.replace(
         catalog, coverage=dataclasses.replace(catalog.coverage, usable=None)
     )
-    without = claim_map.claim_map(*given(unknown))
+    without = report.claim_map(*given(unknown))
     assert without is not None
     assert (without["cells"]["x"], without["cells"]["of"]) == ([], 0)
     patches = found["patches"]

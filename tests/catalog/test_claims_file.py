@@ -13,9 +13,9 @@ import pytest
 import xarray
 from helpers import catalogs
 
-from lcp_catalog.catalog import content, schema, summary
-from lcp_catalog.catalog.layout import packing, sigma_step_m
+from lcp_catalog.catalog import catalogue, schema, summary
 from lcp_catalog.catalog.maps import usable_nearby
+from lcp_catalog.catalog.schema import packing, sigma_step_m
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
@@ -233,7 +233,7 @@ def test_errors_without_the_least_probability_are_refused() -> None:
 
 @pytest.mark.slow
 def test_no_damage_raises_or_passes(written: Path, tmp_path: Path) -> None:
-    sound = content.values(open_catalog(written))
+    sound = catalogue.values(open_catalog(written))
     assert catalogs.noticed_damage(written, sound, tmp_path / "turned.h5", seed=5) > 15
 
 

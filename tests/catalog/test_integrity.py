@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
-from lcp_catalog.catalog import content, integrity
+from lcp_catalog.catalog import catalogue, integrity
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
@@ -117,7 +117,7 @@ def test_a_bit_of_a_chunk_is_refused_when_a_value_of_it_is_used(copy: Path, name
     if name != "longitude":
         assert len(found.longitude) == 80
     with pytest.raises(CatalogError, match=rf"copy\.h5: {name}: is damaged: the chunk at \["):
-        content.values(found)
+        catalogue.values(found)
     if chunks > 1:
         assert found.part(name, 0).size  # the first chunk is sound
     assert any(line.startswith(f"{name}: ") for line in verify(copy))
@@ -206,13 +206,13 @@ def test_a_bit_near_an_index_of_chunks_changes_no_value(
     starts = [m.start() for name in RECORDS for m in re.finditer(re.escape(name), whole)]
     assert {b"FAHD", b"FADB"} <= {whole[start : start + 4] for start in starts}
     rng, refused = np.random.default_rng(count), 0
-    sound = content.values(unchecked(written))
+    sound = catalogue.values(unchecked(written))
     for _ in range(count):
         place = int(rng.choice(starts)) + int(rng.integers(-16, 160))
         shutil.copy(written, turned)
         flipped(turned, min(max(place, 0), len(whole) - 1), int(rng.integers(8)))
         try:
-            read = content.values(open_catalog(turned, check=False))
+            read = catalogue.values(open_catalog(turned, check=False))
         except CatalogError:
             refused += 1
             continue

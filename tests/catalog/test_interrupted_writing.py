@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
-from lcp_catalog.catalog import content
+from lcp_catalog.catalog import catalogue
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.writing import new_catalog
 from lcp_catalog.held_signals import HeldSignals
@@ -30,7 +30,7 @@ def send_soon(sent: list[float]) -> None:
 
 def work_on_flags(catalog: Catalog, path: Path, sent: list[float]) -> None:
     """Write a catalogue that needs long for work on its flags; a signal comes meanwhile."""
-    values = content.values(catalog)
+    values = catalogue.values(catalog)
     with new_catalog(catalog, len(catalog), values["dem_product"], path) as file:
         file.add(values)
         with file.flags() as condition:

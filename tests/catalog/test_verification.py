@@ -16,7 +16,7 @@ import rasterio
 import xarray
 from helpers import catalogs
 
-from lcp_catalog.catalog import content, schema
+from lcp_catalog.catalog import catalogue, schema
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputExistsError
@@ -62,13 +62,13 @@ def copy(written: Path, tmp_path: Path) -> Path:
 
 def test_what_was_written_is_read(written: Path) -> None:
     before, after = catalogs.catalog(12), open_catalog(written)
-    read = content.values(after)
-    for name, array in content.values(before).items():
+    read = catalogue.values(after)
+    for name, array in catalogue.values(before).items():
         np.testing.assert_array_equal(read[name], array, err_msg=name)
-    assert content.attributes(after) == content.attributes(before)
-    groups = content.group_attributes(after)
+    assert catalogue.attributes(after) == catalogue.attributes(before)
+    groups = catalogue.group_attributes(after)
     assert groups.pop("coverage_map") == {"projection": "orthographic", **groups["overview"]}
-    assert groups == content.group_attributes(before)
+    assert groups == catalogue.group_attributes(before)
     assert verify(written) == []
 
 
@@ -400,7 +400,7 @@ def test_no_damage_raises_or_passes(
     """One byte changed at each of many places: the change is detected, or the values read are equal
     all the same.
     """
-    sound, turned = content.values(open_catalog(written)), tmp_path / "turned.h5"
+    sound, turned = catalogue.values(open_catalog(written)), tmp_path / "turned.h5"
     assert catalogs.noticed_damage(written, sound, turned, seed=3, count=count) > noticed
 
 

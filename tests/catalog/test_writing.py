@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
-from lcp_catalog.catalog import content, disk_stream
+from lcp_catalog.catalog import catalogue, writing
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.layout import GROUPS
+from lcp_catalog.catalog.schema import GROUPS
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import new_catalog, write_catalog
 from lcp_catalog.errors import CatalogError, OutputError
 
 
 def write_in_parts(catalog: Catalog, path: Path, sizes: list[int], **spoilt: Any) -> None:
-    values, first = content.values(catalog) | spoilt, 0
+    values, first = catalogue.values(catalog) | spoilt, 0
     of_points = [name for name in values if GROUPS[""].get(name, ((),))[0][:1] == ("point",)]
     with new_catalog(catalog, len(catalog), ["WAC GLD100", "another product"], path) as file:
         for size in sizes:
@@ -46,9 +46,9 @@ def test_parts_of_any_size_give_the_same_catalogue(tmp_path: Path, sizes: list[i
     write_in_parts(found, tmp_path / "parts.h5", sizes)
     assert verify(tmp_path / "parts.h5") == []
     whole, parts = (open_catalog(tmp_path / name) for name in ("whole.h5", "parts.h5"))
-    assert content.attributes(whole) == content.attributes(parts)
-    read = content.values(parts)
-    for name, values in content.values(whole).items():
+    assert catalogue.attributes(whole) == catalogue.attributes(parts)
+    read = catalogue.values(parts)
+    for name, values in catalogue.values(whole).items():
         np.testing.assert_array_equal(read[name], values, err_msg=name)
 
 
@@ -87,9 +87,9 @@ def test_a_disk_that_is_full_leaves_nothing(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(disk_stream.os, "pwrite", limited(os.pwrite))
+        patch.setattr(writing.os, "pwrite", limited(os.pwrite))
         if room < 0:
-            patch.setattr(disk_stream.os, "fsync", full)
+            patch.setattr(writing.os, "fsync", full)
         with pytest.raises(OutputError, match=r"c\.h5: the disk is full"):
             write_catalog(found, path)
     assert list(tmp_path.iterdir()) == []
@@ -110,7 +110,7 @@ def test_a_signal_while_hdf5_writes_is_an_interrupt(
 
     write = os.pwrite
     with monkeypatch.context() as patch:
-        patch.setattr(disk_stream.os, "pwrite", interrupted)
+        patch.setattr(writing.os, "pwrite", interrupted)
         with pytest.raises(KeyboardInterrupt):
             write_catalog(found, path)
     assert list(tmp_path.iterdir()) == []

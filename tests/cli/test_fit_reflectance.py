@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from lcp_cli.main import run
 
-from lcp_catalog.photometry.facet_file import FacetFile, load_model
-from lcp_catalog.photometry.facet_model import FacetModel, Node
+from lcp_catalog.photometry.facet_model import FacetFile, FacetModel, Node, load_model
 from lcp_catalog.photometry.laws import reflectance_model
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"

@@ -9,7 +9,7 @@ from lcp_cli.main import run
 
 from lcp_catalog import atomic_files
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.rendering import output, pipeline
+from lcp_catalog.rendering import pipeline, public
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_a_camera_without_a_sun_is_a_usage_error(dem, tmp_path, out, capsys):
 
 
 @pytest.mark.parametrize(
-    ("owner", "broken"), [(output, "encode"), (pipeline.HeightfieldScene, "expose")]
+    ("owner", "broken"), [(public, "encode"), (pipeline.HeightfieldScene, "expose")]
 )
 def test_an_interrupt_leaves_nothing(dem, tmp_path, monkeypatch, capsys, owner, broken):
     def interrupt(*_):

@@ -154,7 +154,7 @@ def test_the_suns_shape_and_the_tier_are_asked_for(folder, tmp_path, monkeypatch
         asked.append((request.accuracy.tier, request.disc))
         raise CameraError("seen enough")
 
-    monkeypatch.setattr("lcp_catalog.simulation.frame.DemSurface.seen", seen)
+    monkeypatch.setattr("lcp_catalog.simulation.output.DemSurface.seen", seen)
     plain = [str(folder / "dem.tif"), "--camera", str(folder / "camera.json")]
     for options in ([], ["--sun", "point"], ["--sun", "disc", "--accuracy", "draft"]):
         assert run(["simulate", *plain, "-o", str(tmp_path / "f.png"), *options]) == 1

@@ -12,7 +12,7 @@ from helpers import products
 from lcp_cli import sun as command
 from lcp_cli.main import run
 
-from lcp_catalog.ephemeris.table import FIGURES as EVERY_FIGURE
+from lcp_catalog.ephemeris.solar_position import FIGURES as EVERY_FIGURE
 
 HADLEY = ["sun", "--lon", "3.63", "--lat", "26.13"]
 DAY = ["--range", "2024-01-20", "2024-01-21", "6h"]

@@ -11,7 +11,7 @@ import pytest
 from helpers.commands import refusal
 from lcp_cli.main import run
 
-from lcp_catalog.tradeoff import measurement, timing
+from lcp_catalog.tradeoff import measurement
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -56,7 +56,7 @@ def test_it_writes_table_page_and_data(
     file; the file's tier has no effect.
     """
     if not own:
-        workers = timing.Workers
+        workers = measurement.Workers
         monkeypatch.setattr(measurement, "Workers", lambda isolated: workers(isolated=not isolated))
     folder = tmp_path / "trade"
     flags = ["--config", config, "--areas", "1", "--rounds", "1", "--sun-elevations", "10,30"]

@@ -16,7 +16,7 @@ from lcp_catalog.dem.coverage_map import GAP, HOLE, INK, PRODUCT_COLOURS, set_ma
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.pixel_statistics import height_statistics
-from lcp_catalog.plots.text import draw_text, width_px
+from lcp_catalog.plots.pictures import draw_text, width_px
 
 
 def picture(dems: list[Dem], missing: bool = False) -> np.ndarray:

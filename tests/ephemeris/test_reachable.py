@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from lcp_catalog.constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
-from lcp_catalog.ephemeris.reachable import (
+from lcp_catalog.ephemeris.solar_position import (
     azimuth_boxes,
     declination_range,
     elevation_boxes,
     highest_sun_deg,
     reachable_suns,
+    sun_direction_at,
 )
-from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
-from lcp_catalog.ephemeris import table as sun_table
+from lcp_catalog.ephemeris import solar_position as sun_table
 from lcp_catalog.ephemeris.limb_darkening import VISIBLE
 from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG
 from lcp_catalog.ephemeris.times import instant_range

@@ -10,7 +10,7 @@ from helpers.snyder_maps import MAPS, R, geographic, places, sinusoidal
 
 from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.errors import ImageError, LabelError
-from lcp_catalog.geometry.map_projection import MapProjection
+from lcp_catalog.geometry.map_plane import MapProjection
 
 
 @pytest.mark.parametrize("name", MAPS)

@@ -64,7 +64,7 @@ class Frame:
 class Product:
     """A product as it was made: what a reader of it must find."""
 
-    name: str  # what it goes by, see lcp_catalog.dem.products
+    name: str  # what it goes by, see lcp_catalog.dem.grid
     label: Path | None  # None: in front of the pixels, or a GeoTIFF
     image: Path
     frame: Frame

@@ -29,7 +29,7 @@ class AreaPeak(NamedTuple):
 
     @property
     def counted_mb(self) -> float:
-        """The peak with so much of the libraries' files as the estimate counts (`worker_memory.START_MB`)."""
+        """The peak with so much of the libraries' files as the estimate counts (`run.START_MB`)."""
         return self.peak_mb - max(0.0, self.mapped_mb - LIBRARIES_MB)
 
 

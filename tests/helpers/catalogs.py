@@ -14,8 +14,7 @@ import numpy as np
 import rasterio
 
 from lcp_catalog.catalog import integrity
-from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.content import values
+from lcp_catalog.catalog.catalogue import Catalog, values
 from lcp_catalog.catalog.maps import overview_levels, usable_nearby
 from lcp_catalog.catalog.model import Coverage, Overview, Promise
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, NO_CELL, Cause, summarise_usable

@@ -32,7 +32,7 @@ from lcp_catalog.matching.position_fix import LOCATED, Fix, Options, locate
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import DemSurface, frame
+from lcp_catalog.simulation.output import DemSurface, frame
 
 from .one_patch import sample_patch
 from .twins_match import catalog_of_patches

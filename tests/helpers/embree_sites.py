@@ -14,8 +14,8 @@ pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows o
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.rendering.output import encode
 from lcp_catalog.rendering.pipeline import prepare
+from lcp_catalog.rendering.public import encode
 from lcp_catalog.rendering.request import Request
 from lcp_catalog.terrain.area import Area
 

@@ -16,8 +16,8 @@ from helpers import image_files as files
 from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
+from lcp_catalog.images.image_file import ImageLabel, read_image_label
 from lcp_catalog.images.pixels import read_pixels
-from lcp_catalog.images.sun_from_label import ImageLabel, read_image_label
 
 SAMPLES = np.arange(600, dtype=np.float32).reshape(20, 30)
 INSTRUMENT = """Group = Instrument

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import csr_matrix
 
-from lcp_catalog.landmarks import multicover
-from lcp_catalog.landmarks.multicover import Cover, choose_cover, least_size, packed
+from lcp_catalog.landmarks import selection
+from lcp_catalog.landmarks.selection import Cover, choose_cover, least_size, packed
 
 
 def instance(
@@ -68,7 +68,7 @@ def test_the_bound_of_a_part_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the work is limited to a sixth; it is that of the linear program of the part."""
     cover, wanted, matrix = instance(2, n=60, places=24, near=12)
     size = len(choose_cover(cover, wanted).chosen)
-    monkeypatch.setattr(multicover, "BOUND_WORK", multicover._work(cover) * 150 // 6)
+    monkeypatch.setattr(selection, "BOUND_WORK", selection._work(cover) * 150 // 6)
     elements = np.arange(24 * 70).reshape(24, 70)[::6].ravel()
     bounds = {"A_ub": -csr_matrix(matrix[elements]), "bounds": (0, 1)}
     relaxed = linprog(np.ones(60), b_ub=-wanted.ravel()[elements], method="highs", **bounds).fun

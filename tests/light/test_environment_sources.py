@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
 from lcp_catalog.light.environment_map import Panorama
-from lcp_catalog.light.environment_sources import MOST_SOURCES, SourceSearch, split_sources
+from lcp_catalog.light.sources import MOST_SOURCES, SourceSearch, split_sources
 
 
 def off_deg(a, b):

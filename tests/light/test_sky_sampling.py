@@ -13,9 +13,7 @@ from helpers.synthetic import cratered
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import CameraView, ParallelView, looking_camera, nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.light.environment_map import Panorama
-from lcp_catalog.light.environment_sources import split_sources
-from lcp_catalog.light.sky_sampling import (
+from lcp_catalog.light.bounced_light import (
     BETWEEN_NODES_RMS,
     samples_of,
     sky_at_nodes,
@@ -23,7 +21,8 @@ from lcp_catalog.light.sky_sampling import (
     sky_rms,
     sky_samples,
 )
-from lcp_catalog.light.sources import Lighting, SurfacePoints
+from lcp_catalog.light.environment_map import Panorama
+from lcp_catalog.light.sources import Lighting, SurfacePoints, split_sources
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu
 from lcp_catalog.terrain.area import NodeWindow

@@ -26,8 +26,8 @@ from lcp_catalog.light.solar_disc import (
     share_at_points,
     sunlit_share,
 )
+from lcp_catalog.terrain.far_terrain import on_rim
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.horizons import on_rim
 from lcp_catalog.threads import limit_threads, thread_limit
 
 DRAFT, STANDARD, HIGH, REFERENCE = (TIERS[t] for t in ("draft", "standard", "high", "reference"))

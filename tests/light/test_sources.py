@@ -18,9 +18,14 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light import solar_disc
 from lcp_catalog.light.environment import Environment
 from lcp_catalog.light.environment_map import Panorama
-from lcp_catalog.light.environment_sources import split_sources
 from lcp_catalog.light.solar_disc import SolarDisc, disc_directions, sunlit_share
-from lcp_catalog.light.sources import Lighting, LightSource, light_above_horizon, mean_earth
+from lcp_catalog.light.sources import (
+    Lighting,
+    LightSource,
+    light_above_horizon,
+    mean_earth,
+    split_sources,
+)
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.renderer import render_camera, render_enu

@@ -16,7 +16,7 @@ from terrain.test_surroundings import horizon_deg, ridge
 
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.ephemeris.limb_darkening import VISIBLE
-from lcp_catalog.ephemeris.table import sun_table
+from lcp_catalog.ephemeris.solar_position import sun_table
 from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_visibility import among_terrain, sun_over_ground

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lcp_catalog.pds.pvl import Quantity, parse_pvl, text
+from lcp_catalog.pds.pds3 import Quantity, parse_pvl, text
 
 
 def test_pvl() -> None:

@@ -7,13 +7,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.errors import ConfigError, InputError
-from lcp_catalog.photometry.facet_file import FORMAT, FacetFile, facet_model, load_model, model_path
 from lcp_catalog.photometry.facet_model import (
+    FORMAT,
     NAMED,
+    FacetFile,
     FacetModel,
     Node,
     Optics,
     Shadowing,
+    facet_model,
+    load_model,
+    model_path,
     named_model,
 )
 from lcp_catalog.photometry.laws import reflectance_model

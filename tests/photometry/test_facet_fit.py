@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from lcp_catalog.photometry.facet_file import FacetFile
 from lcp_catalog.photometry.facet_fit import (
+    IncidenceSeries,
+    Measurements,
     _FitTask,
     curve_length,
     d1,
     d2,
     fit_file,
     fit_reflectance,
+    read_measurements,
     regularise,
 )
 from lcp_catalog.photometry.facet_model import (
     PARAMETERS,
+    FacetFile,
     FacetModel,
     Node,
     Optics,
@@ -25,7 +28,6 @@ from lcp_catalog.photometry.facet_model import (
     lobes,
     named_model,
 )
-from lcp_catalog.photometry.goniometer import IncidenceSeries, Measurements, read_measurements
 
 SURFACE = FacetModel(
     "glossy paint",

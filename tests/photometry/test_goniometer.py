@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.errors import MeasurementError
-from lcp_catalog.photometry.goniometer import IncidenceSeries, read_measurements
+from lcp_catalog.photometry.facet_fit import IncidenceSeries, read_measurements
 
 ANGLES = range(-75, 76, 15)
 

@@ -8,7 +8,7 @@ import jinja2
 import pytest
 from markupsafe import Markup
 
-from lcp_catalog.plots.html_page import page
+from lcp_catalog.plots.numbers import page
 
 
 def content() -> dict[str, Any]:

@@ -10,9 +10,8 @@ import pytest
 from lcp_catalog.arrays import Array, Index, Mask
 from lcp_catalog.catalog.prediction import SunCells
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.ephemeris.reachable import reachable_suns
-from lcp_catalog.landmarks.multicover import Cover
-from lcp_catalog.landmarks.selection import Nearby, Places
+from lcp_catalog.ephemeris.solar_position import reachable_suns
+from lcp_catalog.landmarks.selection import Cover, Nearby, Places
 from lcp_catalog.production import promise
 from lcp_catalog.production.promise import Near, moment_cover
 

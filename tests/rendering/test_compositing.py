@@ -15,11 +15,10 @@ from lcp_catalog.ephemeris.limb_darkening import LimbDarkening
 from lcp_catalog.errors import CameraError, ImageError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import LuminanceImage, Panorama
-from lcp_catalog.light.environment_sources import split_sources
 from lcp_catalog.light.solar_disc import SolarDisc
-from lcp_catalog.light.sources import Lighting, LightSource
-from lcp_catalog.rendering.compositing import Backdrop, composite, shadow_factor
+from lcp_catalog.light.sources import Lighting, LightSource, split_sources
 from lcp_catalog.rendering.renderer import render_camera
+from lcp_catalog.rendering.request import Backdrop, composite, shadow_factor
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain

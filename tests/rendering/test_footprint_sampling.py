@@ -19,7 +19,7 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf,
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.sphere_renderer import (
+from lcp_catalog.rendering.sphere_pipeline import (
     PROBES_MOST,
     render_sphere_camera,
     render_sphere_enu,

@@ -10,7 +10,7 @@ import pytest
 import rasterio
 
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.rendering.output import geotiff, node_transform, orthographic_crs
+from lcp_catalog.rendering.public import geotiff, node_transform, orthographic_crs
 
 ROWS, COLUMNS = 700, 600
 

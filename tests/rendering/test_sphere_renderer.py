@@ -26,7 +26,7 @@ from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.rendering.renderer import render_camera, render_enu
-from lcp_catalog.rendering.sphere_renderer import (
+from lcp_catalog.rendering.sphere_pipeline import (
     render_sphere_camera,
     render_sphere_enu,
     sphere_nodes,

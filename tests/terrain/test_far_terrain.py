@@ -18,9 +18,8 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.rays import horizon
 from lcp_catalog.light.solar_disc import SolarDisc, sunlit_share
-from lcp_catalog.terrain.far_terrain import PLACES, FarTerrain, Footprint, _Blocks
+from lcp_catalog.terrain.far_terrain import PLACES, FarTerrain, Footprint, Nodes, _Blocks
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.horizons import Nodes
 from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 
 GSD = 4.0

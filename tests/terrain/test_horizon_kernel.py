@@ -14,8 +14,8 @@ from helpers.twins import blocking, triangles
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.terrain.far_terrain import HorizonPoints, Nodes, on_rim
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.horizons import HorizonPoints, Nodes, on_rim
 from lcp_catalog.threads import limit_threads, thread_limit
 
 GSD, X0, Y0 = 4.0, 10.0, 20.0

@@ -38,7 +38,7 @@ from lcp_catalog.production.run import Build
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module
 from lcp_catalog.terrain.area import NodeWindow
-from lcp_catalog.terrain.horizons import Nodes
+from lcp_catalog.terrain.far_terrain import Nodes
 from lcp_catalog.terrain.surroundings import (
     CELL_SHARE,
     HORIZON_RMS_DEG,

@@ -18,8 +18,7 @@ from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
 from lcp_catalog.production.area_job import Candidates
 from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import measurement, report
-from lcp_catalog.tradeoff.measurement import Trade, measure_trade, spread
-from lcp_catalog.tradeoff.timing import TimedArea
+from lcp_catalog.tradeoff.measurement import TimedArea, Trade, measure_trade, spread
 
 CONTRACT = {
     "accuracy",

@@ -11,7 +11,7 @@ import numpy as np
 from helpers import verdicts
 
 from lcp_catalog.matching.matches import REASONS
-from lcp_catalog.validation.output import (
+from lcp_catalog.validation.run import (
     POINT_COLUMNS,
     WINDOW_COLUMNS,
     csv_text,
