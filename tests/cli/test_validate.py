@@ -39,11 +39,11 @@ CONTRACT = {
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with a catalogue of 49 places of the sample's DEM, a frame of them, and a camera
+    """A folder with a catalogue of 25 places of the sample's DEM, a frame of them, and a camera
     file with an error of 700 m.
     """
     folder = tmp_path_factory.mktemp("validate")
-    along = np.linspace(-0.32, 0.32, 7)
+    along = np.linspace(-0.26, 0.26, 5)
     lon, lat = (grid.ravel() for grid in np.meshgrid(CENTRE[0] + 1.1 * along, CENTRE[1] + along))
     write_catalog(catalog_of_dem(lon, lat, 33, 118.45, DEM), folder / "points.h5")
     camera = looking_at(EnuFrame(*CENTRE, -1500.0), 60e3, 12.0, 250.0, 35.0, 300.0, (220, 200))
