@@ -27,7 +27,7 @@ def test_a_result_of_many_bytes_comes_back() -> None:
     ("function", "says"),
     [
         (misbehaviour.crash, "crashed with signal 11"),
-        (misbehaviour.loop, "takes more than 1 s"),
+        pytest.param(misbehaviour.loop, "takes more than 1 s", marks=pytest.mark.slow),
         (misbehaviour.hoard, "needs more than 200 MB of memory"),
         (misbehaviour.fail, "ended with code 1"),
         (misbehaviour.leave, "ended with code 7"),

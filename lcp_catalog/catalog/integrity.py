@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -60,12 +60,16 @@ def chunk_digest(stored: bytes, filter_mask: int = 0) -> bytes:
 
 def content_digest(file: h5py.File, table: Bytes) -> str:
     """The digest of an open file's content with this table of chunks (n, 32)."""
-    return _digest(_members(file), table)
+    return _digest(list(_members(file)), table)
 
 
-def _digest(members: Iterable[tuple[str, Any]], table: Bytes) -> str:
+def _digest(members: Sequence[tuple[str, Any]], table: Bytes) -> str:
     variables, groups = {}, {}
-    names: dict[int, str] = {}
+    names = {
+        _address(member.id): path.rpartition("/")[2]
+        for path, member in members
+        if isinstance(member, h5py.Dataset) and member.is_scale
+    }
     for path, member in members:
         if isinstance(member, h5py.Group):
             groups[path] = _attributes(member)
@@ -138,10 +142,15 @@ def dimensions(dataset: h5py.Dataset, names: dict[int, str]) -> tuple[str, ...]:
 
 
 def _known_name(scale: Any, names: dict[int, str]) -> str:
-    address = int(h5py.h5o.get_info(scale).addr)
+    address = _address(scale)
     if address not in names:
         names[address] = _name(scale)
     return names[address]
+
+
+def _address(member: Any) -> int:
+    """The place of HDF5's object in its file."""
+    return int(h5py.h5o.get_info(member).addr)
 
 
 def _name(member: Any) -> str:

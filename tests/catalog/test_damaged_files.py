@@ -249,7 +249,7 @@ def test_inspect_needs_no_numbers_of_its_own_to_survive(copy: Path) -> None:
 
 
 @pytest.mark.usefixtures("checks_apart")
-@pytest.mark.parametrize("count", [6, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [3, pytest.param(300, marks=pytest.mark.slow)])
 def test_damage_is_noticed_or_changes_no_value(written: Path, tmp_path: Path, count: int) -> None:
     """`benchmarks/faults/damage.py` in small."""
     for damages in ((damaged_catalogs.flip,), damaged_catalogs.RANGES):

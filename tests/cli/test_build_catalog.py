@@ -237,7 +237,7 @@ def test_mistakes_are_one_line(
     ("sent", "to_all", "code", "says"),
     [
         (signal.SIGINT, True, 130, "interrupted"),  # Ctrl-C: the terminal's whole process group
-        (signal.SIGTERM, False, 143, "stopped by SIGTERM"),
+        pytest.param(signal.SIGTERM, False, 143, "stopped by SIGTERM", marks=pytest.mark.slow),
         (signal.SIGKILL, False, -9, ""),
     ],
 )

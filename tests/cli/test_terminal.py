@@ -29,7 +29,10 @@ def dem(tmp_path: Path) -> Path:
     return geotiff(tmp_path / "dem.tif", heights, 1e5, 8e5, 500.0)
 
 
-@pytest.mark.parametrize("closed", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "closed",
+    ["<&- >&- 2>&-", *(pytest.param(c, marks=pytest.mark.slow) for c in ("2>&-", ">&- 2>&-"))],
+)
 def test_closed_streams(closed: str, dem: Path) -> None:
     """A command works, and a refusal has its exit code. What is printed goes into no file of the command."""
     map_path = dem.with_name("map.png")

@@ -68,9 +68,8 @@ def test_kernels_are_kept_in_the_temporary_folder_and_compiled_once(
 ROWS = "from lcp_catalog.kernels.matching.template_products import row_length; print(row_length(1))"
 
 
-@pytest.mark.parametrize(
-    "place", ["beside", *(pytest.param(p, marks=pytest.mark.slow) for p in ("home", "given"))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["beside", "home", "given"])
 def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
     place: str, fixed_package: Path, tmp_path: Path
 ) -> None:

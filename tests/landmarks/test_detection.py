@@ -154,7 +154,7 @@ def smooth_noise(rng, count, size, length):
 
 @pytest.mark.parametrize("length", [0.0, 1.5])
 def test_moments_are_those_of_correlations_in_noise(length):
-    """Of a window that resembles the patch by 0.5; 3000 images; means within 0.01, deviations within 15 %.
+    """Of a window that resembles the patch by 0.5; 1000 images; means within 0.01, deviations within 15 %.
     The formula's variance leaves out the noise that changes the window's own power.
     """
     rng = np.random.default_rng(1)
@@ -163,14 +163,14 @@ def test_moments_are_those_of_correlations_in_noise(length):
     other -= patch * (patch * other).sum() / (patch**2).sum()
     other = 0.5 * patch / patch.std() + np.sqrt(0.75) * other / other.std()
     for level in (0.05, 0.1, 0.2):
-        noise = level * smooth_noise(rng, 3000, 17, length)
+        noise = level * smooth_noise(rng, 1000, 17, length)
         for window, rho in ((patch, 1.0), (0.1 * other, 0.5)):
-            seen = (window + noise).reshape(3000, -1)
+            seen = (window + noise).reshape(1000, -1)
             seen = seen - seen.mean(axis=1, keepdims=True)
             unit = patch.ravel() / np.linalg.norm(patch)
             scores = seen @ unit / np.linalg.norm(seen, axis=1)
             within = (noise - noise.mean(axis=(1, 2), keepdims=True)).var(axis=(1, 2)).mean()
-            along = (noise.reshape(3000, -1) @ unit).var()
+            along = (noise.reshape(1000, -1) @ unit).var()
             mean, variance = kernel.moments(window.std(), rho, within, along, 289)
             assert mean == pytest.approx(scores.mean(), abs=0.015)
             assert np.sqrt(variance) == pytest.approx(scores.std(), rel=0.45)
@@ -276,7 +276,7 @@ def test_mistakes_are_as_frequent_as_stated():
     the true one, among draws with about the stated probability.
     """
     rng = np.random.default_rng(2)
-    count, size = 6000, 17
+    count, size = 3000, 17
     patch = smooth_noise(rng, 1, size, 2.0)[0]
     patch = (patch - patch.mean()) / np.linalg.norm(patch - patch.mean())
     level, length = 0.13, 1.5

@@ -100,7 +100,7 @@ def test_both_ways_of_applying_slope_errors_are_tested():
 
 @pytest.mark.parametrize("alone", ALONE)
 @pytest.mark.parametrize("length_m", [SHORT_M, LONG_M])
-@pytest.mark.parametrize("p", [9, 17, 33])
+@pytest.mark.parametrize("p", [9, 17, pytest.param(33, marks=pytest.mark.slow)])
 def test_statistics_are_those_of_the_dense_covariance(p, length_m, alone):
     """Products with the fields, and the covariance of least squares with the four columns as they
     are, without a projection. The kernel leaves out parts below 1e-5 of the greatest covariance or

@@ -42,7 +42,7 @@ def points(world):
     return world.catalog()
 
 
-@pytest.fixture(scope="module", params=[40.0, 190.0])
+@pytest.fixture(scope="module", params=[40.0, pytest.param(190.0, marks=pytest.mark.slow)])
 def rough(world, request) -> Image:
     """An image taken 45 deg off the vertical, of a surface after Hapke."""
     return world.photo(oblique(request.param, 45.0), SUN, law=reflectance_model("hapke"))

@@ -149,6 +149,7 @@ def test_a_scheduler_file(cluster: LocalCluster, tmp_path: Path) -> None:
     assert dict(run_tasks(square_or_die, [4], 1, str(file))) == {0: 16}
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_is_one_line() -> None:
     import dask
 
