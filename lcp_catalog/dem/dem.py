@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..constants import MOON_RADIUS_M
 from ..errors import DemError, LabelError, LcpError
 from ..pds.label import Label
@@ -80,10 +82,8 @@ class Dem(Gridded):
             raw_dtype=label.sample_dtype,
             raw_offset_bytes=label.image_offset_bytes,
         )
-        try:
-            grid = Grid.from_label(label)
-        except LabelError as error:
-            raise LabelError(f"{label.path}: {error}") from error
+        raster = replace(raster, stated_m=_stated_m(raster, label))
+        grid = grid_of_label(label)
         files = (image,) if label.path == image else (label.path, image)
         return cls(image, product_name(label.product_id), grid, raster, files)
 
@@ -127,6 +127,32 @@ class Dem(Gridded):
     def radius_m(self) -> float:
         """Radius of the sphere above which heights are given; files on other spheres are refused."""
         return MOON_RADIUS_M
+
+
+def grid_of_label(label: Label) -> Grid:
+    """The grid that a label states. LabelError for one that contradicts itself."""
+    try:
+        return Grid.from_label(label)
+    except LabelError as error:
+        raise LabelError(f"{label.path}: {error}") from error
+
+
+def extremes_step(raster: Raster, label: Label) -> float:
+    """Samples by which the extremes of a label may be wrong. LDEM_4's own label is one count away from its pixels;
+    a JP2 is lossy by one count more; real numbers are rounded to 1 m.
+    """
+    if raster.raw_dtype is not None and np.dtype(raster.raw_dtype).kind == "f":
+        return 1.001 / raster.scale_m
+    return 2.002 if label.compressed else 1.001
+
+
+def _stated_m(raster: Raster, label: Label) -> tuple[float, float] | None:
+    """Least and greatest height of a label's MINIMUM and MAXIMUM, which are samples or metres."""
+    low, high = label.declared.minimum, label.declared.maximum
+    if low is None or high is None:
+        return None
+    step_m = extremes_step(raster, label) * raster.scale_m
+    return min(low, low * raster.scale_m) - step_m, max(high, high * raster.scale_m) + step_m
 
 
 def files_beside(path: Path) -> tuple[Path, ...]:

@@ -12,16 +12,14 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import LcpError
-from ..geometry.bounds import wrapped_deg
 from ..pds.label import Label
 from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3
-from .dem import Dem
+from .dem import Dem, extremes_step, grid_of_label
 from .grid import Grid, facts_of
-from .pixel_statistics import POSSIBLE_M, Extreme, SampleStatistics, sample_statistics
+from .pixel_statistics import Extreme, SampleStatistics, sample_statistics
+from .raster import POSSIBLE_M
 
 _AGAIN = "fetch both again"
 _APART_M, _REPEATED = 1000.0, 3
@@ -51,6 +49,7 @@ def check_dem(path: Path | str) -> CheckResult:
     try:
         dem = Dem.open(path)
         label = _label_of(Path(path))
+        grid = None if label is None else grid_of_label(label)
     except (LcpError, OSError) as error:
         return CheckResult(str(path), None, (_line(error),))
     problems, notes = _sizes(dem, label), _names(dem, label)
@@ -60,8 +59,9 @@ def check_dem(path: Path | str) -> CheckResult:
         return CheckResult(str(path), dem.product, (*problems, _line(error)), tuple(notes))
     problems += [f"{dem.path}: {text}" for text in _heights(dem, survey)]
     notes += _stripes(survey)
-    if label is not None:
-        wrong = [*_extremes(dem, label, survey), *_sums(dem, label, survey), *_map(dem, label)]
+    if label is not None and grid is not None:
+        wrong = [*_extremes(dem, label, survey), *_sums(dem, label, survey)]
+        wrong += _map(dem, label, grid)
         problems += [f"{label.path}: {text}" for text in wrong]
     return CheckResult(str(path), dem.product, tuple(problems), tuple(notes))
 
@@ -174,15 +174,10 @@ def _stripes(survey: SampleStatistics) -> list[str]:
 
 def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
     """Compare MINIMUM and MAXIMUM with the pixels, as samples or as metres (the archive writes
-    samples).
-
-    One step is allowed: LDEM_4's own label is one count away from its pixels; real numbers are
-    rounded to 1 m. A JP2 is lossy by one count more.
+    samples)..
     """
     problems = []
-    step = 2.0 if label.compressed else 1.0
-    if dem.raster.raw_dtype is not None and np.dtype(dem.raster.raw_dtype).kind == "f":
-        step = 1.0 / dem.raster.scale_m
+    step = extremes_step(dem.raster, label)
     for key, said, found in (
         ("MINIMUM", label.declared.minimum, survey.lowest),
         ("MAXIMUM", label.declared.maximum, survey.highest),
@@ -193,7 +188,7 @@ def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
             abs(said - found.value),
             abs(said / dem.raster.scale_m - found.value),
         )
-        if min(as_samples, as_metres) > step * 1.001:
+        if min(as_samples, as_metres) > step:
             problems.append(
                 f"states {key} {said:g} where the pixels of {dem.path.name} have {found.value:g}; {_AGAIN}"
             )
@@ -228,79 +223,14 @@ def _md5(path: Path, start: int) -> str:
     return digest.hexdigest()
 
 
-def _map(dem: Dem, label: Label) -> list[str]:
-    """Compare the label's bounds with its offsets and sizes, and with the GeoTIFF that it
-    describes.
-    """
-    grid = Grid.from_label(label)
-    wrong = _polar_bounds(grid, label) if grid.pole else _cylinder_bounds(grid, label)
-    problems = [
-        f"{text}: its offsets or its bounds are wrong; fetch the label again" for text in wrong
-    ]
-    if _is_geotiff(dem):
-        column, row = dem.grid.pixel(*grid.lonlat(0.0, 0.0))
-        away = math.hypot(float(column), float(row))
-        if (
-            grid.pole != dem.grid.pole
-            or not away <= 1.0
-            or abs(grid.pixel_m / dem.grid.pixel_m - 1.0) > 1e-4
-        ):
-            problems.append(
-                f"puts the north-west pixel {away:.1f} pixels away from where {dem.path.name} has it; {_AGAIN}"
-            )
-    return problems
-
-
-def _cylinder_bounds(grid: Grid, label: Label) -> list[str]:
-    """South and east; north and west were compared when the label was read."""
-    box, declared = grid.bounds, label.declared
-    pixel_deg = (box.north - box.south) / grid.height
-    wrong = []
-    if declared.south_deg is not None and abs(declared.south_deg - box.south) > 1.5 * pixel_deg:
-        wrong.append(
-            f"states MINIMUM_LATITUDE {declared.south_deg:g}, its last line ends at {box.south:.6g}"
-        )
-    if declared.east_deg is not None:
-        away = abs(wrapped_deg(declared.east_deg - box.east))
-        if away > 1.5 * (box.east - box.west) / grid.width:
-            wrong.append(
-                f"states EASTERNMOST_LONGITUDE {declared.east_deg:g}, its last column ends at {box.east:.6g}"
-            )
-    return wrong
-
-
-def _polar_bounds(grid: Grid, label: Label) -> list[str]:
-    """Labels of the archive give the latitude in the middle of an edge: it must lie between the
-    nearest edge and the farthest corner. A pole that the label states must lie inside.
-    """
-    column, row = np.meshgrid(
-        np.linspace(-0.5, grid.width - 0.5, 65), np.linspace(-0.5, grid.height - 0.5, 65)
-    )
-    edge = np.ones(column.shape, dtype=bool)
-    edge[1:-1, 1:-1] = False
-    away = 90.0 - grid.pole * grid.lonlat(column, row)[1]
-    declared = label.declared
-    inner, outer = (
-        (declared.south_deg, declared.north_deg)
-        if grid.pole < 0
-        else (declared.north_deg, declared.south_deg)
-    )
-    slack = 0.02 * float(away.max()) + 1e-3
-    wrong = []
-    has_pole = (
-        0.0 <= -grid.x0_m / grid.pixel_m + 0.5 <= grid.width
-        and 0.0 <= grid.y0_m / grid.pixel_m + 0.5 <= grid.height
-    )
-    if inner is not None and abs(inner) == 90.0 and not has_pole:
-        wrong.append(f"states latitude {inner:g}, but the pole lies outside its lines and samples")
-    if outer is not None:
-        said = 90.0 - grid.pole * outer
-        if not away[edge].min() - slack <= said <= away.max() + slack:
-            reach = (
-                grid.pole * (90.0 - float(away[edge].min())),
-                grid.pole * (90.0 - float(away.max())),
-            )
-            wrong.append(
-                f"states latitude {outer:g} for its edge, which lies between {reach[0]:.6g} and {reach[1]:.6g}"
-            )
-    return wrong
+def _map(dem: Dem, label: Label, grid: Grid) -> list[str]:
+    """Compare the label's grid with that of the GeoTIFF that it describes."""
+    if not _is_geotiff(dem):
+        return []
+    column, row = dem.grid.pixel(*grid.lonlat(0.0, 0.0))
+    away = math.hypot(float(column), float(row))
+    same = grid.pole == dem.grid.pole and abs(grid.pixel_m / dem.grid.pixel_m - 1.0) <= 1e-4
+    if same and away <= 1.0:
+        return []
+    where = f"{away:.1f} pixels away from where {dem.path.name} has it"
+    return [f"puts the north-west pixel {where}; {_AGAIN}"]

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
-from ..geometry.bounds import Bounds, enclosing_arc, turned_deg
+from ..geometry.bounds import Bounds, enclosing_arc, turned_deg, wrapped_deg
 from ..pds.label import Label
 
 
@@ -274,9 +274,9 @@ class Grid:
 
     @classmethod
     def from_label(cls, label: Label) -> Grid:
-        """The grid of a PDS label."""
+        """The grid of a PDS label. LabelError if its bounds are others than those of its offsets."""
         polar = label.projection == "polar-stereographic"
-        return cls(
+        grid = cls(
             projection="polar-stereographic" if polar else "equirectangular",
             width=label.line_samples,
             height=label.lines,
@@ -286,6 +286,9 @@ class Grid:
             center_lon_deg=label.center_lon_deg,
             true_lat_deg=label.center_lat_deg,
         )
+        for wrong in _polar_misstated(grid, label) if polar else _cylinder_misstated(grid, label):
+            raise LabelError(f"{wrong}: its offsets or its bounds are wrong; fetch the label again")
+        return grid
 
     @classmethod
     def from_wkt(cls, wkt: str, affine: tuple[float, ...], width: int, height: int) -> Grid:
@@ -484,3 +487,47 @@ def _within(values: Array, low: float, high: float) -> bool:
 def _tidy(value: float) -> float:
     """The value without rounding errors of the last bits, so that an edge at 30 deg is 30."""
     return round(value, 10) + 0.0
+
+
+def _cylinder_misstated(grid: Grid, label: Label) -> list[str]:
+    """South and east; north and west were compared when the label was read."""
+    box, south, east = grid.bounds, label.declared.south_deg, label.declared.east_deg
+    slack = 1.5 * (box.north - box.south) / grid.height
+    wrong = []
+    if south is not None and abs(south - box.south) > slack:
+        wrong.append(f"states MINIMUM_LATITUDE {south:g}, its last line ends at {box.south:.6g}")
+    slack = 1.5 * (box.east - box.west) / grid.width
+    if east is not None and abs(wrapped_deg(east - box.east)) > slack:
+        end = f"its last column ends at {box.east:.6g}"
+        wrong.append(f"states EASTERNMOST_LONGITUDE {east:g}, {end}")
+    return wrong
+
+
+def _polar_misstated(grid: Grid, label: Label) -> list[str]:
+    """Labels of the archive give the latitude in the middle of an edge: it must lie between the
+    nearest edge and the farthest corner. A pole that the label states must lie inside.
+    """
+    column, row = np.meshgrid(
+        np.linspace(-0.5, grid.width - 0.5, 65), np.linspace(-0.5, grid.height - 0.5, 65)
+    )
+    edge = np.ones(column.shape, dtype=bool)
+    edge[1:-1, 1:-1] = False
+    away = 90.0 - grid.pole * grid.lonlat(column, row)[1]
+    declared = label.declared
+    ends = declared.south_deg, declared.north_deg
+    inner, outer = ends[:: -grid.pole]  # from the pole outwards
+    slack = 0.02 * float(away.max()) + 1e-3
+    wrong = []
+    has_pole = (
+        0.0 <= -grid.x0_m / grid.pixel_m + 0.5 <= grid.width
+        and 0.0 <= grid.y0_m / grid.pixel_m + 0.5 <= grid.height
+    )
+    if inner is not None and abs(inner) == 90.0 and not has_pole:
+        wrong.append(f"states latitude {inner:g}, but the pole lies outside its lines and samples")
+    if outer is not None:
+        said = 90.0 - grid.pole * outer
+        near, far = float(away[edge].min()), float(away.max())
+        if not near - slack <= said <= far + slack:
+            reach = f"between {grid.pole * (90.0 - near):.6g} and {grid.pole * (90.0 - far):.6g}"
+            wrong.append(f"states latitude {outer:g} for its edge, which lies {reach}")
+    return wrong

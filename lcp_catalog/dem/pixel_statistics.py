@@ -21,7 +21,7 @@ from ..constants import MOON_RADIUS_M
 from ..geometry.bounds import Bounds, enclosing_bounds, wrapped_deg
 from .dem import Dem
 from .grid import Grid
-from .raster import Raster
+from .raster import POSSIBLE_M, Raster
 
 
 @dataclass(frozen=True)
@@ -47,10 +47,6 @@ def connected_regions(mask: Mask, wraps: bool = False) -> Index:
         label = connected_components(joined, directed=False)[1][label]
     return np.asarray(label, np.int64)
 
-
-POSSIBLE_M = 12_000.0
-"""Greatest possible height or depth: the Moon's lowest place is at -9.1 km, its highest at 10.8 km.
-"""
 
 _BLOCKS = 1024
 """Missing pixels are counted in at most so many square blocks a side."""
@@ -148,7 +144,7 @@ class HeightStatistics:
 
 def height_statistics(dem: Dem) -> HeightStatistics:
     """Read a whole file once. DemError if it cannot be read, or for a height beyond
-    `raster.HEIGHT_LIMIT_M`.
+    `raster.POSSIBLE_M`.
     """
     raster = dem.raster
     block = math.ceil(max(raster.width, raster.height) / _BLOCKS)

@@ -145,7 +145,7 @@ class Gridded:
         return next(f for f in range(wanted, 0, -1) if self.grid.period % f == 0)
 
 
-HEIGHT_LIMIT_M = 20_000.0
+POSSIBLE_M = 12_000.0
 """Greatest height or depth that is read (lowest place -9.1 km, highest 10.8 km): samples beyond it
 are no heights.
 """
@@ -179,6 +179,7 @@ class Raster:
     raw_offset_bytes: int = 0
     band: int = 1  # of the file, counted from 1; read by GDAL
     masked: bool = False  # True if an alpha band or a mask of the file marks missing pixels
+    stated_m: tuple[float, float] | None = None  # least and greatest height that the label admits
 
     @classmethod
     def of_band(cls, dataset: Any, path: Path, band: int = 1) -> Raster:
@@ -192,7 +193,7 @@ class Raster:
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
-        metres. DemError for a height beyond `HEIGHT_LIMIT_M`.
+        metres. DemError for a height beyond `POSSIBLE_M`, or beyond those that the label states.
         """
         samples = self.samples(row0, row1, col0, col1)
         out = np.empty(samples.shape, np.float32)
@@ -272,14 +273,18 @@ class Raster:
             raise DemError(f"{self.path}: cannot be read ({error})") from error
 
     def _refuse_impossible(self, heights: NDArray[np.float64]) -> None:
-        with np.errstate(invalid="ignore"):
-            wrong = np.abs(heights) > HEIGHT_LIMIT_M
-        if wrong.any():
-            value = float(heights[wrong][0])
-            raise DemError(
-                f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale or "
-                "its value for missing data is not declared"
-            )
+        ends = np.fmin.reduce(heights, axis=None), np.fmax.reduce(heights, axis=None)
+        for value in map(float, ends):
+            if abs(value) > POSSIBLE_M:
+                raise DemError(
+                    f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale or "
+                    "its value for missing data is not declared"
+                )
+            if self.stated_m and (value < self.stated_m[0] or value > self.stated_m[1]):
+                raise DemError(
+                    f"{self.path}: has a height of {value:g} m where its label states {self.stated_m[0]:g} to "
+                    f"{self.stated_m[1]:g} m: one of them is damaged or of another product; fetch both again"
+                )
 
 
 def open_dataset(path: Path, kind: str = "a DEM") -> Any:

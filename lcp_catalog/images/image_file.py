@@ -29,7 +29,7 @@ from ..cameras.view import center_of
 from ..choices import ENCODINGS
 from ..dem.dem import Dem
 from ..dem.grid import facts_of
-from ..dem.raster import HEIGHT_LIMIT_M
+from ..dem.raster import POSSIBLE_M
 from ..ephemeris.solar_position import direction_from_subsolar, sun_direction_at
 from ..ephemeris.times import instants
 from ..errors import ImageError, LabelError, LcpError, SunError
@@ -331,7 +331,7 @@ def _some_heights(dem: Dem) -> Array:
             end = min(row + _WINDOW_PX, raster.height), min(col + _WINDOW_PX, raster.width)
             found.append(raster.values(row, end[0], col, end[1]).ravel())
     values = np.concatenate(found)
-    return np.asarray(values[np.abs(values) <= HEIGHT_LIMIT_M])
+    return np.asarray(values[np.abs(values) <= POSSIBLE_M])
 
 
 def _starts(length: int) -> list[int]:

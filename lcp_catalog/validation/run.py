@@ -33,7 +33,16 @@ from ..catalog.verification import open_catalog
 from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_paths
-from ..errors import CameraError, ConfigError, ImageError, LcpError, OutputError, SunError
+from ..errors import (
+    CameraError,
+    CatalogError,
+    ConfigError,
+    DemError,
+    ImageError,
+    LcpError,
+    OutputError,
+    SunError,
+)
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import Direction, EnuFrame, lonlat_to_mcmf
 from ..images.image import Image
@@ -363,6 +372,8 @@ def _ground(
             return against_dem(image, request.dems, settings, request.windows), ""
         points = points_in_view(catalog, image.sensor)
         return against_patches(image, catalog, points, settings, request.windows), ""
+    except (DemError, CatalogError):  # a damaged file
+        raise
     except LcpError as error:
         log.info("%s: windows: %s", image.name, error)
         return None, str(error)

@@ -176,9 +176,9 @@ def test_no_step_and_no_spokes(noise: tuple[DemSet, np.ndarray]) -> None:
 
 
 def test_a_plane_through_the_moon_stays(tmp_path: Path) -> None:
-    """A tenth of x, y and z of the Moon-fixed frame: averaged over cells of 474 m it moves by less than 3 cm beyond 3 rows of
+    """0.08 of x, y and z of the Moon-fixed frame: averaged over cells of 474 m it moves by less than 3 cm beyond 3 rows of
     the pole, and by less than 2 % of a cell's height around it."""
-    half_km = 0.1 * RADIUS_M
+    half_km = 0.08 * RADIUS_M
 
     def plane(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
         o, a = np.radians(lon), np.radians(lat)
@@ -190,7 +190,7 @@ def test_a_plane_through_the_moon_stays(tmp_path: Path) -> None:
     error = np.abs(dems.heights(lon, lat, CELL_M)[0] - plane(lon, lat))
     near = lat > 90.0 - 3.0 / 64
     assert error[~near].max() < 0.03
-    assert error[near].max() < 0.02 * CELL_M * 0.1 * np.hypot(1.0, 0.5)
+    assert error[near].max() < 0.02 * CELL_M * 0.08 * np.hypot(1.0, 0.5)
 
 
 def test_hills_seen_at_the_ground_s_cell(tmp_path: Path) -> None:
