@@ -40,9 +40,9 @@ class ChildFailedError(Exception):
 
 
 def call_apart(
-    function: Callable[[str], Any], argument: str, seconds: float, memory_mb: float = MEMORY_MB
+    function: Callable[[Any], Any], argument: Any, seconds: float, memory_mb: float = MEMORY_MB
 ) -> Any:
-    """``function(argument)`` in another process, a result that JSON can hold.
+    """``function(argument)`` in another process; JSON can hold the argument and the result.
 
     ``function``: a public function of a module of this package. ``seconds``: processor time that it
     may use. The process is a fork of this one if this one has a single thread, and otherwise a

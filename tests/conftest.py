@@ -11,7 +11,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -99,13 +99,14 @@ def checks_in_this_process() -> Iterator[None]:
     """
     from lcp_catalog.catalog import verification
 
-    sound: set[tuple[Callable[[str], object], bytes]] = set()
+    sound: set[tuple[Callable[[Any], object], bytes]] = set()
 
-    def call_here(check: Callable[[str], object], path: str, _seconds: float) -> object:
-        content = hashlib.sha256(Path(path).read_bytes()).digest() if Path(path).is_file() else b""
+    def call_here(check: Callable[[Any], object], facts: list[Any], _seconds: float) -> object:
+        path = Path(facts[0])
+        content = hashlib.sha256(path.read_bytes()).digest() if path.is_file() else b""
         if (check, content) in sound:
             return []
-        found = json.loads(json.dumps(check(path)))
+        found = json.loads(json.dumps(check(json.loads(json.dumps(facts)))))
         if content and found == []:
             sound.add((check, content))
         return found

@@ -90,7 +90,7 @@ def area(config: BuildConfig, row: int, column: int) -> FinishedArea:
 
 def make(config: BuildConfig, folder: Path, areas: int) -> None:
     """Checkpoints of a square of areas."""
-    checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
+    checkpoints = Checkpoints.beside(folder / "moon.h5", {"source code": "merge"})
     checkpoints.folder.mkdir()
     for k in range(areas):
         checkpoints.write(name(k), area(config, k // 40, k % 40))
@@ -109,7 +109,7 @@ def merge(config: BuildConfig, folder: Path, areas: int) -> None:
     region = Area.from_bounds(1.0, -20.0, 1.0 + width, -20.0 + rows)
     errors = config.errors.model(5.0, 500.0)
     recipe = Recipe(config.at_cell(GSD_M), dems, region, law_of_build(config, -20.0), errors)
-    checkpoints = Checkpoints.beside(folder / "moon.h5", "merge")
+    checkpoints = Checkpoints.beside(folder / "moon.h5", {"source code": "merge"})
     before, start, own = peak_mb(), time.perf_counter(), time.process_time()
     names = [name(k) for k in range(areas)]
     assembly = Assembly(recipe, checkpoints, names)
@@ -126,7 +126,7 @@ def merge(config: BuildConfig, folder: Path, areas: int) -> None:
 
 def resume(config: BuildConfig, folder: Path, areas: int) -> None:
     """Print the time of the check of so many small checkpoints."""
-    checkpoints = Checkpoints.beside(folder / "tiny.h5", "merge")
+    checkpoints = Checkpoints.beside(folder / "tiny.h5", {"source code": "merge"})
     checkpoints.folder.mkdir()
     whole = area(config, 0, 0)
     some = FinishedArea(whole.table[:4], whole.records[:4], whole.plan)

@@ -257,12 +257,11 @@ def compare(first: Path | str, second: Path | str) -> Comparison:
     Points are matched by their ids; the version of the software and the order of the points do not
     count. A point without partner is taken for moved if the nearest other one without partner, of a
     cell size of the same level (`schema.levels`), lies within the spacing, and each is nearest to the
-    other. Files with the same digests of their content are not read further.
+    other. Files with the same digest of their content are equal.
     """
-    one, other = (open_catalog(path, check=False) for path in (first, second))
-    if content_sha256(first) == content_sha256(second):
-        return _equal(one)
     one, other = (open_catalog(path) for path in (first, second))
+    if content_sha256(one) == content_sha256(other):
+        return _equal(one)
     return compare_catalogs(one, other)
 
 

@@ -303,22 +303,27 @@ def _storage_fault(dataset: h5py.Dataset, file_bytes: int) -> str:
 def _chunk_fault(dataset: h5py.Dataset, chunk: tuple[int, ...], file_bytes: int) -> str:
     """What is wrong with the places and sizes of the chunks; empty if nothing is."""
     chunk_bytes = prod(chunk) * dataset.dtype.itemsize
-    wanted = prod(-(-length // step) for length, step in zip(dataset.shape, chunk, strict=True))
-    if chunk_bytes > _CHUNK_BYTES_MAX or wanted > file_bytes:
+    along = [-(-length // step) for length, step in zip(dataset.shape, chunk, strict=True)]
+    if chunk_bytes > _CHUNK_BYTES_MAX or prod(along) > file_bytes:
         return f"claims {dataset.size * dataset.dtype.itemsize} bytes of a file of {file_bytes}"
-    places: list[tuple[int, int]] = []
+    found: list[tuple[int, ...]] = []
     masked = False
 
     def look(info: Any) -> None:
         nonlocal masked
-        places.append((info.byte_offset, info.size))
+        found.append((info.byte_offset, info.size, *info.chunk_offset))
         masked = masked or bool(info.filter_mask)
 
-    if wanted:
+    if prod(along):
         dataset.id.chunk_iter(look)
-    if len(places) != wanted:
-        return f"has {len(places)} chunks of {wanted}"
-    offset, size = np.array(places, dtype=np.uint64).reshape(-1, 2).T
+    if len(found) != prod(along):
+        return f"has {len(found)} chunks of {prod(along)}"
+    table = np.array(found, dtype=np.uint64).reshape(-1, 2 + len(chunk))
+    offset, size, starts, sides = *table.T[:2], table[:, 2:], np.array(chunk, np.uint64)
+    places = starts // sides
+    inside = (places * sides == starts) & (places < np.array(along, np.uint64))
+    if not inside.all() or len(np.unique(places, axis=0)) != len(places):
+        return "has chunks that are not each in a place of their own"
     order = np.argsort(offset)
     ends = offset + size
     if masked or (ends > file_bytes).any() or (ends[order][:-1] > offset[order][1:]).any():

@@ -5,17 +5,19 @@ variables, the attribute `CONTENT`. docs/reference/catalogue-format.md has the f
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 
-from ..arrays import AnyArray, Bytes, Index, Mask
+from ..arrays import AnyArray, Bytes, Index
 from ..errors import CatalogError
 from .schema import Variable
 
@@ -111,13 +113,12 @@ def _plain(value: Any) -> Any:
 
 
 def _described(dataset: h5py.Dataset, names: dict[int, str]) -> dict[str, Any]:
-    stored = dataset.id.get_create_plist()
     text = h5py.check_string_dtype(dataset.dtype)
     return {
         "type": dataset.dtype.str if text is None else f"{dataset.dtype.str} {text.encoding}",
         "shape": list(dataset.shape),
         "chunks": list(dataset.chunks or ()),
-        "filters": [stored.get_filter(k)[0] for k in range(stored.get_nfilters())],
+        "filters": _filters(dataset),
         "dimensions": list(dimensions(dataset, names)),
         "attributes": _attributes(dataset),
     }
@@ -184,24 +185,6 @@ class ChunkGrid:
         where = np.unravel_index(number - self.first, self.along)
         return tuple(int(k) * side for k, side in zip(where, self.sides, strict=True))
 
-    def touched(self, index: tuple[Any, ...]) -> Index:
-        """Rows of the chunks that hold what an index selects: slices, numbers, and rows first."""
-        axes = []
-        for axis, (length, side) in enumerate(zip(self.shape, self.sides, strict=True)):
-            own = index[axis] if axis < len(index) else slice(None)
-            if isinstance(own, slice):
-                places = range(*own.indices(length))
-                ends = sorted((places[0], places[-1])) if places else (0, -1)
-                axes.append(np.arange(ends[0] // side, ends[1] // side + 1))
-            else:
-                axes.append(
-                    np.unique(np.asarray(own, np.int64).reshape(-1) % max(1, length)) // side
-                )
-        if not all(len(axis) for axis in axes):
-            return np.zeros(0, np.int64)
-        where = np.meshgrid(*map(np.unique, axes), indexing="ij")
-        return np.asarray(self.first + np.ravel_multi_index(where, self.along).ravel())
-
 
 def chunk_grids(
     layouts: Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]],
@@ -232,7 +215,7 @@ def _grids(members: Iterable[tuple[str, Any]]) -> dict[str, ChunkGrid]:
 
 
 class ChunkDigests:
-    """The table of an open file. A chunk is checked before its first use.
+    """The table of an open file. A chunk is decoded from the very bytes whose digest was compared with it.
 
     CatalogError for a table that is not that of the attribute `CONTENT`, or that has not a row for each chunk.
     """
@@ -248,19 +231,28 @@ class ChunkDigests:
             raise CatalogError(
                 f"{CONTENT}: the content is not what was written (damaged or edited)"
             )
-        self._checked: Mask = np.zeros(count, np.bool_)
 
-    def require(self, file: h5py.File, path: str, index: tuple[Any, ...]) -> None:
-        """CatalogError if a chunk that holds what an index selects is not the one that was written."""
-        grid = self.grids[path]
-        wanted = grid.touched(index)
-        for number in wanted[~self._checked[wanted]].tolist():
-            if not self._is_sound(file[path], grid, number):
+    def part(self, file: h5py.File, path: str, index: tuple[Any, ...]) -> AnyArray:
+        """What an index selects of a variable, as stored: numbers and slices, and rows in any order for the
+        first axis. CatalogError if a chunk that holds some of it is not the one that was written.
+        """
+        dataset, grid = file[path], self.grids[path]
+        index = (*index, *[slice(None)] * (len(grid.shape) - len(index)))
+        axes = [list(_along(*axis)) for axis in zip(index, grid.shape, grid.sides, strict=True)]
+        filters = _filters(dataset)
+        kept = [np.arange(n)[own] for n, own in zip(grid.shape, index, strict=True)]
+        found = np.empty([places.size for places in kept], dataset.dtype)
+        for parts in itertools.product(*axes):
+            number = grid.number(tuple(part.start for part in parts))
+            stored = self._sound_chunk(dataset, grid, number)
+            if stored is None:
                 where = ", ".join(map(str, grid.offset(number)))
                 raise CatalogError(
                     f"{path}: is damaged: the chunk at [{where}] is not what was written"
                 )
-            self._checked[number] = True
+            chunk = decoded(stored, filters, grid.sides, dataset.dtype)
+            found[tuple(part.to for part in parts)] = chunk[tuple(part.of for part in parts)]
+        return found.reshape([len(places) for places in kept if places.ndim])
 
     def problems(self, file: h5py.File, but: Collection[str] = ()) -> Iterator[str]:
         """A line for each variable with chunks that are not those that were written; ``but``: paths of variables
@@ -276,15 +268,65 @@ class ChunkDigests:
                 yield f"{path}: {wrong} of {len(grid)} chunks are not what was written (damaged or edited)"
 
     def _is_intact(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bool:
-        """As `_is_sound`; False for a chunk that cannot be read."""
+        """False for a chunk that is not what was written, or that cannot be read."""
         try:
-            return self._is_sound(dataset, grid, number)
+            return self._sound_chunk(dataset, grid, number) is not None
         except HDF5_ERRORS:
             return False
 
-    def _is_sound(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bool:
+    def _sound_chunk(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bytes | None:
+        """The stored bytes of a chunk; None if they are not what was written."""
         mask, stored = dataset.id.read_direct_chunk(grid.offset(number))
-        return bool(chunk_digest(stored, mask) == self._table[number].tobytes())
+        return stored if chunk_digest(stored, mask) == self._table[number].tobytes() else None
+
+
+class _Part(NamedTuple):
+    """What is selected of a chunk along an axis: the chunk's first place, and the places in it (``of``) that go
+    to others (``to``) of the result.
+    """
+
+    start: int
+    of: slice | Index
+    to: slice | Index
+
+
+def _along(index: Any, length: int, side: int) -> Iterator[_Part]:
+    """What an index selects along an axis, by chunks."""
+    wanted = np.arange(length)[index].reshape(-1)
+    chunk = wanted // side
+    order = np.argsort(chunk, kind="stable")
+    numbers, first = np.unique(chunk[order], return_index=True)
+    for number, to in zip(numbers.tolist(), np.split(order, first[1:]), strict=False):
+        yield _Part(number * side, _as_slice(wanted[to] - number * side), _as_slice(to))
+
+
+def _as_slice(places: Index) -> slice | Index:
+    """Places as a slice, by which NumPy copies faster, if they rise in equal steps."""
+    steps = np.diff(places)
+    step = int(steps[0]) if len(steps) else 1
+    if step < 1 or (steps != step).any():
+        return places
+    return slice(int(places[0]), int(places[-1]) + 1, step)
+
+
+def _filters(dataset: h5py.Dataset) -> list[int]:
+    stored = dataset.id.get_create_plist()
+    return [stored.get_filter(k)[0] for k in range(stored.get_nfilters())]
+
+
+def decoded(
+    stored: bytes, filters: Sequence[int], shape: tuple[int, ...], dtype: np.dtype[Any]
+) -> AnyArray:
+    """The content of a chunk from its stored bytes, whose digest stands for Fletcher's checksum at their end."""
+    content: Any = stored
+    for number in reversed(filters):
+        if number == h5py.h5z.FILTER_FLETCHER32:
+            content = memoryview(content)[:-4]
+        elif number == h5py.h5z.FILTER_DEFLATE:
+            content = zlib.decompress(content, bufsize=prod(shape) * dtype.itemsize)
+        elif dtype.itemsize > 1:  # shuffled
+            content = np.frombuffer(content, np.uint8).reshape(dtype.itemsize, -1).T.tobytes()
+    return np.frombuffer(content, dtype).reshape(shape)
 
 
 def digest_table(

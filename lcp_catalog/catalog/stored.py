@@ -8,7 +8,7 @@ import dataclasses
 import json
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ..arrays import AnyArray, Index
+from ..arrays import AnyArray
+from ..atomic_files import file_state
 from ..errors import CatalogError
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
 from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
-from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray
+from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray, held
 from .schema import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, PACKED, TEXT, Variable, packing
 
 _TEXT_BYTES = 64
@@ -48,7 +49,17 @@ class StoredFile:
             raise CatalogError(f"{path}: {text}") from error
         if not stat.S_ISREG(facts.st_mode):
             raise CatalogError(f"{path}: is not a plain file")
-        return cls(str(path), (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns))
+        return cls(str(path), file_state(facts))
+
+    @classmethod
+    def received(cls, facts: Sequence[Any]) -> StoredFile:
+        """The same in another process, from what JSON made of `facts`."""
+        return cls(facts[0], tuple(facts[1:]))
+
+    @property
+    def facts(self) -> list[str | int]:
+        """What another process needs to know the file by."""
+        return [self.path, *self.stamp]
 
     @property
     def size(self) -> int:
@@ -57,11 +68,10 @@ class StoredFile:
 
     @contextmanager
     def opened(self) -> Iterator[h5py.File]:
-        """The open file. CatalogError if it is another than before, is not HDF5, or is damaged where
-        it is read.
+        """The open file. CatalogError if it is another than before, is not HDF5, or is damaged where it is
+        read. Judged is what HDF5 holds open: its name may mean another file in the next moment.
         """
-        if StoredFile.of(self.path) != self:
-            raise CatalogError(f"{self.path}: was changed since it was opened; open it again")
+        StoredFile.of(self.path)  # HDF5 would wait for the writer of a pipe
         try:
             file = h5py.File(self.path, "r")
         except HDF5_ERRORS as error:
@@ -71,6 +81,8 @@ class StoredFile:
             raise CatalogError(text) from error
         with file:
             try:
+                if file_state(os.fstat(file.id.get_vfd_handle())) != self.stamp:
+                    raise CatalogError("was changed since it was opened; open it again")
                 yield file
             except CatalogError as error:
                 raise CatalogError(
@@ -83,31 +95,10 @@ class StoredFile:
 # -- parts of an open file
 
 
-def read_part(file: h5py.File, name: str, variable: Variable, index: tuple[Any, ...]) -> AnyArray:
-    """What NumPy's basic indexing selects of a variable, as stored; the first index may be an array of
-    rows.
-    """
-    dataset = file[name]
-    scattered = bool(index) and isinstance(index[0], np.ndarray)
-    array = _read_rows(dataset, index[0], index[1:]) if scattered else np.asarray(dataset[index])
-    if variable.dtype != TEXT:
-        return array
-    texts = [bytes(text).decode("utf-8") for text in np.atleast_1d(array)]
-    return np.array(texts, dtype=object).reshape(np.shape(array))
-
-
-def _read_rows(dataset: h5py.Dataset, rows: Index, rest: tuple[Any, ...]) -> AnyArray:
-    """Rows in any order; every chunk of the file is read once."""
-    wanted, place = np.unique(rows, return_inverse=True)
-    chunk = wanted // dataset.chunks[0]
-    starts = np.flatnonzero(np.diff(chunk, prepend=-1))
-    parts = []
-    for own in np.split(wanted, starts[1:]) if len(wanted) else ():
-        first = int(own[0])
-        parts.append(dataset[(slice(first, int(own[-1]) + 1), *rest)][own - first])
-    if not parts:
-        return np.asarray(dataset[(slice(0, 0), *rest)])
-    return np.asarray(np.concatenate(parts)[place])
+def texts(array: AnyArray) -> AnyArray:
+    """Texts from their bytes."""
+    found = [bytes(text).decode("utf-8") for text in np.atleast_1d(array)]
+    return np.array(found, dtype=object).reshape(np.shape(array))
 
 
 def attributes(file: h5py.File) -> dict[str, Any]:
@@ -126,18 +117,12 @@ def group_attributes(file: h5py.File) -> dict[str, dict[str, float | str]]:
     return found
 
 
-def content_sha256(path: Path | str) -> str:
-    """The digest that a catalogue states of its content. CatalogError for a file that cannot be read."""
-    with StoredFile.of(path).opened() as file:
-        return str(file.attrs[CONTENT])
-
-
 # -- the catalogue
 
 
 class FileSource:
-    """Reads variables of a file, unpacked as a `Catalog` has them. What was checked is remembered while the file
-    is unchanged. CatalogError for a file whose digests do not belong together, and for a damaged chunk.
+    """Reads variables of a file, unpacked as a `Catalog` has them. CatalogError for a file whose digests do not
+    belong together, and for a damaged chunk.
     """
 
     def __init__(self, stored: StoredFile) -> None:
@@ -151,11 +136,10 @@ class FileSource:
         """See `model.Source`."""
         group, _, short = path.rpartition("/")
         with self._stored.opened() as file:
-            self._digests.require(file, path, index)
-            array = read_part(file, path, GROUPS[group][short], index)
+            array = self._digests.part(file, path, index)
         if path in PACKED:
             return packing(path, self.attributes["sigma_step_m"]).unpacked(array)
-        return array
+        return texts(array) if GROUPS[group][short].dtype == TEXT else array
 
     def part(self, kind: type[Any], group: str) -> Any:
         """The part of the model in a group; None for a group that the file is without. The schema's names
@@ -198,6 +182,11 @@ def stored_catalog(stored: StoredFile) -> Catalog:
         coverage_map=source.part(CoverageMap, "coverage_map"),
         promise=source.part(Promise, "promise"),
     )
+
+
+def content_sha256(catalog: Catalog) -> str:
+    """The digest of the content of the file from which a catalogue is read."""
+    return str(held(catalog, "point_id").source.attributes[CONTENT])
 
 
 _TEXTS = ("config", "history", "title", "product_version", "software_version")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,7 @@ from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
 from .stored import StoredFile, stored_catalog
-from .verification import all_problems, apart
+from .verification import apart, problems_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,13 +113,14 @@ def describe(path: Path | str) -> dict[str, Any]:
     return {**dict.fromkeys(names), "intact": not problems, "problems": problems, **found}
 
 
-def _described(path: str) -> tuple[list[str], dict[str, Any]]:
+def _described(facts: Sequence[Any]) -> tuple[list[str], dict[str, Any]]:
     """Problems and figures of a file; no figures of a bad one."""
-    problems = all_problems(path)
+    stored = StoredFile.received(facts)
+    problems = problems_of(stored)
     try:
-        return problems, {} if problems else summary(stored_catalog(StoredFile.of(path)))
+        return problems, {} if problems else summary(stored_catalog(stored))
     except CatalogError as error:  # the file changed in between
-        return [str(error).removeprefix(f"{path}: ")], {}
+        return [str(error).removeprefix(f"{stored.path}: ")], {}
 
 
 def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str, Any]:

@@ -5,11 +5,12 @@ process reads it.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 
 from ..arrays import AnyArray
 from ..child_process import ChildFailedError, call_apart
@@ -19,12 +20,15 @@ from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
 from .integrity import HDF5_ERRORS, ChunkDigests, line_of
 from .model import BLOCK_BYTES
-from .schema import LEVELS, Variable
-from .stored import StoredFile, attributes, group_attributes, read_part, stored_catalog
+from .schema import LEVELS, TEXT, Variable
+from .stored import StoredFile, attributes, group_attributes, stored_catalog, texts
 
 _SECONDS = 10.0
 _SECONDS_PER_MB = 1.0
 """Processor time that the check of a file may take, 10 times and more of what it takes."""
+
+_WHOLE_BYTES = 2**24
+"""Content that is checked in any case: it takes less time than the process of the check."""
 
 _DIMS = {"points": "point", "cells": "cell", "overview": "y"}
 """Dimension along which a part of the content is cut into blocks."""
@@ -42,7 +46,7 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     path:
         The file.
     check:
-        False: check the structure alone, for a window of a large catalogue. In any case the digest of a
+        False: check the structure alone of a large catalogue, for a window of it. In any case the digest of a
         chunk is checked before a value of it is used.
 
     Raises
@@ -57,7 +61,7 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     True
     """
     stored = StoredFile.of(path)
-    problems = apart(stored, all_problems if check else _structure_problems)
+    problems = apart(stored, _all_problems if check else _structure_problems)
     if problems:
         raise CatalogError(f"{path}: {first_few(problems)}")
     return stored_catalog(stored)
@@ -70,7 +74,7 @@ def verify(path: Path | str) -> list[str]:
     chunks and of the content, in another process. Never raises for a bad file.
     """
     try:
-        return list(apart(StoredFile.of(path), all_problems))
+        return list(apart(StoredFile.of(path), _all_problems))
     except CatalogError as error:
         return [str(error).removeprefix(f"{path}: ")]
 
@@ -79,7 +83,7 @@ def apart(stored: StoredFile, check: Any) -> Any:
     """The result of a check in another process; CatalogError if the check does not survive the file."""
     seconds = _SECONDS + _SECONDS_PER_MB * stored.size / 1e6
     try:
-        return call_apart(check, stored.path, seconds)
+        return call_apart(check, stored.facts, seconds)
     except ChildFailedError as error:
         raise CatalogError(f"{stored.path}: damaged: reading it {error}") from error
 
@@ -87,32 +91,33 @@ def apart(stored: StoredFile, check: Any) -> Any:
 # -- in the other process
 
 
-def _structure_problems(path: str) -> list[str]:
-    return _problems(path, content=False)
+def _structure_problems(facts: Sequence[Any]) -> list[str]:
+    return problems_of(StoredFile.received(facts), content=False)
 
 
-def all_problems(path: str) -> list[str]:
-    """All problems of a file, found in this process."""
-    return _problems(path, content=True)
+def _all_problems(facts: Sequence[Any]) -> list[str]:
+    return problems_of(StoredFile.received(facts))
 
 
-def _problems(path: str, content: bool) -> list[str]:
+def problems_of(stored: StoredFile, content: bool = True) -> list[str]:
+    """All problems of a file, found in this process; without the ``content`` only those of the structure of a large
+    one.
+    """
     found: list[str] = []
     try:
-        stored = StoredFile.of(path)
         with stored.opened() as file:
             found = structure_problems(file, stored.size)
             if found:
                 return found
             texts = attributes(file)
             found = text_problems(texts, group_attributes(file))
-            if content:
+            if content or sum(file[name].nbytes for name in variables(file)) <= _WHOLE_BYTES:
                 known = not any(line.startswith("errors") for line in found)
                 found += lines(_findings(file, json.loads(texts["errors"]) if known else None))
                 unread = {line.partition(":")[0] for line in found if "cannot be read" in line}
                 found += ChunkDigests(file).problems(file, unread)
     except CatalogError as error:
-        found.append(str(error).removeprefix(f"{path}: "))
+        found.append(str(error).removeprefix(f"{stored.path}: "))
     return found
 
 
@@ -149,7 +154,8 @@ def _read(
     values, unreadable = {}, []
     for name, variable in wanted.items():
         try:
-            values[name] = read_part(file, name, variable, (rows,))
+            array = np.asarray(file[name][rows])
+            values[name] = texts(array) if variable.dtype == TEXT else array
         except HDF5_ERRORS as error:
             unreadable.append(Finding(name, f"cannot be read: {line_of(error)}"))
     return values, unreadable

@@ -1,8 +1,8 @@
 """Checkpoints: finished areas of a build, stored beside the output until the catalogue is written, so that
 an interrupted run loses none of them.
 
-A checkpoint is a file in ``OUTPUT.parts/``: a head with the fingerprint of its run and a checksum,
-the scene plan, the table of the area's candidates with the checksum of each record, then the records
+A checkpoint is a file in ``OUTPUT.parts/``: a head with the fingerprint of its run, the name of its area and a
+checksum, the scene plan, the table of the area's candidates with the checksum of each record, then the records
 (`finished_area`). The table is read without the records, and some records without the others. NumPy's
 .npz could not: it opens in milliseconds, and a part of an array cannot be read and checked.
 
@@ -18,22 +18,24 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import json
 import logging
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
 from ..arrays import AnyArray, Bytes, Index
-from ..atomic_files import remove_leftovers, write_aside
+from ..atomic_files import printable, remove_leftovers, write_aside
 from ..errors import AreaFailedError, OutputExistsError
 from ..rendering.plan import ScenePlan
+from .code_facts import differences
 from .finished_area import TABLE, FinishedArea, checksums
 
 try:
@@ -51,9 +53,9 @@ _OF_LEVEL, _LEVEL = f"l[0-9][0-9]{_AREAS}", "level[0-9][0-9].h5"
 files in the folder are the user's.
 """
 
-_HEAD = struct.Struct("<8s64sQQQQQ")
-"""Start of a checkpoint: `_MAGIC`, fingerprint, bytes of the plan, rows of the table, stages of a row,
-number of records, bytes of a record. The checksum of head, plan, table and stages follows, then these
+_HEAD = struct.Struct("<8s64s16sQQQQQ")
+"""Start of a checkpoint: `_MAGIC`, fingerprint, name of the area, bytes of the plan, rows of the table, stages of
+a row, number of records, bytes of a record. The checksum of head, plan, table and stages follows, then these
 and the records.
 """
 
@@ -64,6 +66,11 @@ _SMALL_BYTES = 2**14
 
 _READ_BYTES = 2**24
 """Records that are read together when a checkpoint is checked."""
+
+
+def fingerprint(facts: Any) -> str:
+    """Digest of facts that JSON can hold."""
+    return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -87,11 +94,12 @@ class Checkpoints:
 
     folder: Path
     fingerprint: str
+    facts: Mapping[str, str] = field(default_factory=dict)  # what the fingerprint is made of
 
     @classmethod
-    def beside(cls, output: Path, fingerprint: str) -> Checkpoints:
-        """The checkpoints of an output file."""
-        return cls(output.with_name(output.name + _ENDING), fingerprint)
+    def beside(cls, output: Path, facts: Mapping[str, str]) -> Checkpoints:
+        """The checkpoints of an output file; ``facts``: all that determines the areas' content, by name."""
+        return cls(output.with_name(output.name + _ENDING), fingerprint(facts), facts)
 
     @contextlib.contextmanager
     def locked(self, shared: bool = False) -> Iterator[None]:
@@ -153,12 +161,20 @@ class Checkpoints:
             self.require_same_run()
 
     def require_same_run(self) -> None:
-        """OutputExistsError if the folder's checkpoints are of a run with other inputs."""
-        if not self._is_same_run():
-            raise OutputExistsError(
-                f"{self.folder}: its finished areas are from a run with another configuration, DEM or version; "
-                "run with `resume` and `overwrite`, or without `resume`, to remove them"
-            )
+        """OutputExistsError if the folder's checkpoints are of another run; it says in what this differs."""
+        if self._is_same_run():
+            return
+        its = (self._note() or {}).get("facts")
+        its = (
+            {name: printable(str(fact)) for name, fact in its.items()}
+            if isinstance(its, dict)
+            else {}
+        )
+        raise OutputExistsError(
+            f"{self.folder}: its finished areas are from a run with another "
+            f"{differences(its, self.facts) or 'configuration, DEM or version'}; go on with the same, or run with "
+            "`resume` and `overwrite`, or without `resume`, to remove them"
+        )
 
     def _is_same_run(self) -> bool:
         note = self._note()
@@ -179,7 +195,8 @@ class Checkpoints:
         return note if isinstance(note, dict) else {}
 
     def _write_note(self, parts: int | None, overwrite: bool = True) -> None:
-        note = {"fingerprint": self.fingerprint} | ({} if parts is None else {"parts": parts})
+        note: dict[str, Any] = {"fingerprint": self.fingerprint, "facts": dict(self.facts)}
+        note |= {} if parts is None else {"parts": parts}
         with write_aside(self.folder / _NOTE, overwrite) as path:
             path.write_text(json.dumps(note), encoding="utf-8")
 
@@ -196,35 +213,35 @@ class Checkpoints:
         plan, records = str(area.plan).encode(), area.records
         stages = np.zeros((len(area.table), 0), np.uint8) if area.stages is None else area.stages
         sizes = (len(plan), len(area.table), stages.shape[1], len(records), records.dtype.itemsize)
-        head = _HEAD.pack(_MAGIC, self._mark, *sizes)
+        head = _HEAD.pack(*self._marks(name), *sizes)
         checked = head + plan + area.table.tobytes() + stages.tobytes()
         with write_aside(self.path(name), overwrite=True) as path, path.open("wb") as stream:
             stream.write(head + _SUM.pack(zlib.crc32(checked)) + checked[len(head) :])
             stream.write(np.ascontiguousarray(records).view(np.uint8).data)
 
-    @property
-    def _mark(self) -> bytes:
-        return self.fingerprint.encode().ljust(64)[:64]
+    def _marks(self, name: str) -> tuple[bytes, bytes, bytes]:
+        """What the head of an area's checkpoint begins with."""
+        return _MAGIC, self.fingerprint.encode().ljust(64)[:64], name.encode().ljust(16)
 
     def read(self, name: str) -> StoredArea | None:
         """A finished area without its records; None if there is none, or its file is damaged or of
-        another run (it is computed again).
+        another area or run (it is computed again).
         """
         try:
             with self.path(name).open("rb", buffering=0) as stream:
-                return self._read(stream)
+                return self._read(name, stream)
         except OSError:
             return None
 
-    def _read(self, stream: IO[bytes]) -> StoredArea | None:
+    def _read(self, name: str, stream: IO[bytes]) -> StoredArea | None:
         head = stream.read(_HEAD.size + _SUM.size)
         if len(head) < _HEAD.size + _SUM.size:
             return None
-        magic, mark, plan_bytes, rows, cells, records, each = _HEAD.unpack_from(head)
+        *marks, plan_bytes, rows, cells, records, each = _HEAD.unpack_from(head)
         table_bytes = rows * TABLE.itemsize
         body_bytes = plan_bytes + table_bytes + rows * cells
         before = len(head) + body_bytes
-        if (magic, mark) != (_MAGIC, self._mark):
+        if tuple(marks) != self._marks(name):
             return None
         if os.fstat(stream.fileno()).st_size != before + records * each:
             return None
@@ -237,14 +254,23 @@ class Checkpoints:
         return StoredArea(table, stages.reshape(rows, cells), plan, records, each, before)
 
     def is_whole(self, name: str) -> bool:
-        """True if the area is finished and its file undamaged, the records too."""
+        """True if the area is finished and its file undamaged, the records too. A file that is not what its
+        name says is named in a warning.
+        """
         try:
             file = f"{self.folder}{os.sep}{name}{_AREA}"  # a path of pathlib takes longer to make
             with open(file, "rb", buffering=_SMALL_BYTES) as stream:
-                area = self._read(stream)
-                return area is not None and _are_whole(stream, area)
-        except (OSError, ValueError):  # ValueError: it was cut short meanwhile
+                area = self._read(name, stream)
+                if area is not None and _are_whole(stream, area):
+                    return True
+        except FileNotFoundError:
             return False
+        except (OSError, ValueError):  # ValueError: it was cut short meanwhile
+            pass
+        log.warning(
+            "%s: is damaged, or of another area or run; the area counts as not computed", file
+        )
+        return False
 
     def records(
         self, name: str, kind: np.dtype[np.void], before: int, rows: Index, expected: AnyArray

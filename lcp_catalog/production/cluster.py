@@ -7,9 +7,7 @@ there, and dropped.
 
 from __future__ import annotations
 
-import functools
 import gc
-import hashlib
 import io
 import json
 import logging
@@ -26,6 +24,7 @@ from .._version import __version__
 from ..atomic_files import file_facts
 from ..errors import ClusterError, ConfigError
 from ..threads import limit_threads
+from .code_facts import code_facts, differences
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -77,12 +76,9 @@ def run_on_cluster(
 
 @dataclass(frozen=True)
 class Expected:
-    """What a worker must have: the package's version and digest, and the SHA-256 sums of files by
-    absolute path.
-    """
+    """What a worker must have: the code (`code_facts`), and the SHA-256 sums of files by absolute path."""
 
-    version: str
-    package: str
+    code: dict[str, str]
     files: dict[str, str]
 
     @classmethod
@@ -90,12 +86,12 @@ class Expected:
         """What this process has."""
         facts = zip(inputs, file_facts(inputs), strict=True)
         files = {os.path.abspath(path): found["sha256"] for path, found in facts}
-        return cls(__version__, package_digest(), files)
+        return cls(code_facts(), files)
 
     def difference(self) -> str | None:
         """What is different in this process, in words; None if nothing is."""
-        if (__version__, package_digest()) != (self.version, self.package):
-            return f"lcp-catalog {__version__} here is not the lcp-catalog {self.version} that sends the areas"
+        if others := differences(self.code, code_facts()):
+            return f"has another {others} than the process that sends the areas"
         for name, wanted in self.files.items():
             try:
                 (found,) = file_facts([Path(name)])
@@ -104,15 +100,6 @@ class Expected:
             if found["sha256"] != wanted:
                 return f"{name}: has other content than the file that `lcp` was given"
         return None
-
-
-@functools.cache
-def package_digest() -> str:
-    """SHA-256 sum of the package's source."""
-    digest, root = hashlib.sha256(), Path(__file__).parents[1]
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
 
 
 def run_on_worker(

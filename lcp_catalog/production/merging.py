@@ -6,6 +6,7 @@ Coverage and overview of catalogues that are merged.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import AnyArray, Array, Index
+from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, printable
 from ..catalog.catalogue import Catalog
 from ..catalog.maps import overview_levels, usable_nearby
@@ -33,6 +34,7 @@ from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select
 from ..terrain.area import Area
 from .config import BuildConfig
+from .overlap import MergedPart, contradiction
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES, middles, ring_cells
 
 _RANK = np.array([6, 2, 3, 4, 1, 5])
@@ -40,45 +42,6 @@ _RANK = np.array([6, 2, 3, 4, 1, 5])
 
 _CODE = np.array([Status.NODATA, *np.argsort(_RANK)], np.uint8)
 """The code of each rank; 0: no report."""
-
-
-@dataclass(frozen=True, eq=False)
-class MergedPart:
-    """A catalogue that is merged, and the regions of its builds."""
-
-    catalog: Catalog
-    regions: Sequence[Area]
-
-    @cached_property
-    def step_m(self) -> float:
-        """Distance of the overview's nodes."""
-        view = self.catalog.overview
-        steps = [*np.diff(view.x), *-np.diff(view.y)]
-        return float(steps[0]) if steps else self.catalog.coverage.spacing_m
-
-    def contains(self, lon_deg: Array, lat_deg: Array) -> AnyArray:
-        """True for places in any of the regions."""
-        inside = [region.contains(lon_deg, lat_deg) for region in self.regions]
-        return np.asarray(np.any(inside, axis=0))
-
-    def heights(self, lon_deg: Array, lat_deg: Array) -> Array:
-        """Heights of its overview at places (n,), bilinear between the nodes, NaN outside."""
-        view = self.catalog.overview
-        x, y = view.plane.at(lon_deg, lat_deg)
-        col, row = (x - view.x[0]) / self.step_m, (view.y[0] - y) / self.step_m
-        rows, cols = view.height.shape
-        inside = (np.abs(col - (cols - 1) / 2.0) <= cols / 2.0) & (
-            np.abs(row - (rows - 1) / 2.0) <= rows / 2.0
-        )
-        r = np.clip(np.where(inside, row, 0.0), 0.0, rows - 1.0)
-        c = np.clip(np.where(inside, col, 0.0), 0.0, cols - 1.0)
-        r0, c0 = r.astype(np.int64), c.astype(np.int64)
-        r1, c1 = np.minimum(r0 + 1, rows - 1), np.minimum(c0 + 1, cols - 1)
-        down, right = r - r0, c - c0
-        z = view.height.astype(np.float64)
-        upper = z[r0, c0] * (1.0 - right) + z[r0, c1] * right
-        lower = z[r1, c0] * (1.0 - right) + z[r1, c1] * right
-        return np.where(inside, upper * (1.0 - down) + lower * down, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +166,8 @@ class _Input:
 
     @classmethod
     def of(cls, path: Path | str) -> _Input:
-        catalog, digest = open_catalog(path), content_sha256(path)
+        catalog = open_catalog(path)
+        digest = content_sha256(catalog)
         itself = Origin(printable(Path(path).name), digest, len(catalog), {})
         try:
             return cls(str(path), catalog, digest, origins(catalog.config, itself))
@@ -258,7 +222,8 @@ def merge_catalogs(
     the points that are left out (`merged_promise`).
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
-    errors, albedo map or meaning of the flags; OutputExistsError and OutputError as
+    errors, albedo map or meaning of the flags, or contradicting heights of the same ground (`overlap.contradiction`);
+    OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
     check_output(output, overwrite, paths)
@@ -268,6 +233,7 @@ def merge_catalogs(
     inputs.sort(key=lambda one: (one.digest, one.builds[0].name), reverse=True)
     different = {one.digest: one for one in inputs}
     merge = _Merge([different[digest] for digest in sorted(different)])
+    merge.require_agreement()
     merge.write(output, overwrite)
     return merge.report
 
@@ -295,6 +261,15 @@ class _Merge:
             crowded=len(single) - len(self.chosen),
             levels_m=sizes,
         )
+
+    def require_agreement(self) -> None:
+        """CatalogError for two inputs whose heights of the same ground contradict each other."""
+        for one, other in itertools.combinations(range(len(self.inputs)), 2):
+            if text := contradiction(self.maps.parts[one], self.maps.parts[other]):
+                raise CatalogError(
+                    f"{self.inputs[other].path}: cannot be merged with {self.inputs[one].path}: {text}; one of "
+                    "their DEMs is wrong there: leave it out"
+                )
 
     def write(self, output: Path | str, overwrite: bool) -> None:
         """Write the catalogue, a block of points at a time."""

@@ -21,7 +21,6 @@ Public functions that make catalogues: a build, and a merge of several.
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import math
 from collections.abc import Callable, Sequence
@@ -32,9 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from .._version import __version__
 from ..atomic_files import check_output
-from ..catalog.schema import COVERAGE_STATUS, SCHEMA_VERSION
+from ..catalog.schema import COVERAGE_STATUS
 from ..catalog.verification import open_catalog
 from ..constants import MOON_RADIUS_M
 from ..dem.block_cache import CACHES_BYTES
@@ -49,7 +47,8 @@ from ..terrain.surroundings import most_nodes
 from ..terrain.useful_cell import Cell, warn_of_region
 from .area_job import AreaJob, conditions_at, run_area
 from .assembly import Assembly
-from .checkpoints import Checkpoints
+from .checkpoints import Checkpoints, fingerprint
+from .code_facts import code_facts
 from .config import AREA_NODES_MIN, BuildConfig
 from .evaluation import _BATCH_NODES, image_scales
 from .executor import run_tasks
@@ -298,18 +297,19 @@ class Build:
         law = law_file(self.recipe.config.model.reflectance)
         return [*self.recipe.files, *([law] if law else ())]
 
-    def fingerprint(self) -> str:
-        """Digest of all that determines the areas' content: version, configuration, bytes of all files.
-        AreaFailedError if a file was changed since it was opened.
+    def facts(self) -> dict[str, str]:
+        """All that determines the areas' content, by name: code, libraries and processor, and digests of
+        configuration and files. AreaFailedError if a file was changed since it was opened.
         """
         self.inputs.digest()
         configs = (level.recipe.config for level in self.levels)
         texts = [replace(c, model=c.model.portable, dem=c.dem.portable).to_toml() for c in configs]
-        facts: list[Any] = [__version__, SCHEMA_VERSION, "".join(texts), self.recipe.dems.sources()]
-        facts += [one.provenance() for one in (self.recipe.albedo, self.recipe.maps) if one]
+        files: list[Any] = [self.recipe.dems.sources()]
+        files += [one.provenance() for one in (self.recipe.albedo, self.recipe.maps) if one]
         law = law_file(self.recipe.config.model.reflectance)
-        facts += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
-        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()
+        files += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
+        own = {"configuration": texts, "files": files}
+        return code_facts() | {name: fingerprint(facts) for name, facts in own.items()}
 
 
 @dataclass(frozen=True)
@@ -381,7 +381,7 @@ class BuildRun:
     @cached_property
     def checkpoints(self) -> Checkpoints:
         """The finished areas beside the output."""
-        return Checkpoints.beside(self.output, self.build.fingerprint())
+        return Checkpoints.beside(self.output, self.build.facts())
 
     def whole(self) -> BuildReport:
         """Compute all areas and write the catalogue. Raises as `build_catalog`."""

@@ -226,7 +226,7 @@ def test_areas_of_another_map_are_not_mixed_in(
         values[300, 280] *= 1.001
         file.write(values, 1)
     prints = [
-        Build.plan((ball,), with_map(path, **how)).fingerprint()
+        Build.plan((ball,), with_map(path, **how)).facts()
         for path, how in (
             (mapped, {"albedo_reference": 0.5}),
             (same, {"albedo_reference": 0.5}),

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import pickle
+import threading
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from helpers import catalogs, many_points
 
 from lcp_catalog.catalog import catalogue, model, summary, verification
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.stored import StoredFile
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
@@ -104,20 +110,18 @@ def test_figures_do_not_depend_on_the_blocks(
     for module in (catalogue, verification):
         monkeypatch.setattr(module, "BLOCK_BYTES", 5000)
     assert summary.summary(open_catalog(written)).items() <= whole.items()
-    assert verification.all_problems(str(written)) == []
+    assert verification.verify(written) == []
 
 
 def test_faults_of_all_blocks_are_counted_together(
     written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import h5py
-
     path = tmp_path / "c.h5"
     path.write_bytes(written.read_bytes())
     with h5py.File(path, "r+") as file:
         file["longitude"][[3, 22]] = 500.0
     monkeypatch.setattr(verification, "BLOCK_BYTES", 5000)
-    problems = verification.all_problems(str(path))
+    problems = verification.verify(path)
     assert "longitude: not in 0..360 (2 of 30; the first at [3])" in problems
 
 
@@ -151,3 +155,63 @@ def test_values_at_points_and_indices(
         np.testing.assert_array_equal(got, getattr(whole, name)[(rows[:, None], *index)])
         none = found.at(name, rows[:0], [along[:0] for along in index])
         assert none.shape == (0, 6)
+
+
+# -- a name that comes to mean another file
+
+
+@pytest.fixture
+def switched(written: Path, tmp_path: Path) -> tuple[Path, Callable[[], None]]:
+    """A link to a catalogue, and what makes it in one step a link to another one or back."""
+    link, files = tmp_path / "link.h5", [written, tmp_path / "other.h5"]
+    write_catalog(dataclasses.replace(catalogs.catalog(30, seed=5), title="other"), files[1])
+    link.symlink_to(files[0])
+
+    def switch() -> None:
+        files.reverse()
+        (tmp_path / "new").symlink_to(files[0])
+        (tmp_path / "new").replace(link)
+
+    return link, switch
+
+
+def test_the_file_that_is_open_is_judged_and_not_its_name(
+    switched: tuple[Path, Callable[[], None]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, switch = switched
+
+    def late(*given: Any) -> h5py.File:
+        switch()
+        return opened(*given)
+
+    opened = h5py.File
+    found = open_catalog(link)
+    monkeypatch.setattr(h5py, "File", late)
+    for attempt in (lambda: open_catalog(link), lambda: found.longitude):
+        with pytest.raises(CatalogError, match=r"link\.h5: was changed since it was opened"):
+            attempt()
+
+
+def test_a_link_that_switches_while_it_is_read_gives_one_file_or_an_error(
+    switched: tuple[Path, Callable[[], None]],
+) -> None:
+    link, switch = switched
+    done, taken = threading.Event(), 0
+    titles = {link.stat().st_ino: Catalog.title}
+
+    def switching() -> None:
+        while not done.is_set():
+            switch()
+
+    thread = threading.Thread(target=switching)
+    thread.start()
+    try:
+        for _ in range(200):
+            one = StoredFile.of(link)
+            with contextlib.suppress(CatalogError), one.opened() as file:
+                assert file.attrs["title"] == titles.get(one.stamp[1], "other")
+                taken += 1
+    finally:
+        done.set()
+        thread.join()
+    assert 0 < taken < 200

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -63,6 +64,65 @@ def cut(content: bytearray, rng: np.random.Generator) -> None:
 
 
 RANGES: tuple[Damage, ...] = (flip_record, zero, scatter, exchange, erase, cut)
+
+
+RECORDS = (b"OHDR", b"OCHK", b"FRHP", b"FHDB", b"BTHD", b"BTLF", b"FAHD", b"FADB", b"EAHD", b"EAIB")
+"""How the records of HDF5 1.10 begin: headers of objects, names, and indices of chunks."""
+
+
+def flip_index(content: bytearray, rng: np.random.Generator) -> None:
+    """Turn one bit near one of HDF5's records."""
+    starts = [m.start() for name in RECORDS for m in re.finditer(re.escape(name), bytes(content))]
+    place = int(rng.choice(starts)) + int(rng.integers(-16, 160))
+    content[min(max(place, 0), len(content) - 1)] ^= 1 << int(rng.integers(8))
+
+
+# -- edits by h5py, whose checksums hold
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+def _first_bit(values: np.ndarray) -> np.ndarray:
+    values.reshape(-1).view(np.uint8)[0] ^= 1
+    return values
+
+
+CHANGES: dict[str, Change] = {
+    "a bit": _first_bit,
+    "mirrored": lambda values: values[..., ::-1],
+    "rows exchanged": lambda values: values[::-1],
+    "cleared": np.zeros_like,
+}
+
+
+def edits(path: Path) -> list[tuple[str, str]]:
+    """Names of members and of their changes: values of each variable, attributes of it and of the groups."""
+    with h5py.File(path) as file:
+        found = []
+        for name in file_structure.variables(file):
+            values = file[name][()]
+            for change, apply in CHANGES.items():
+                if values.size and apply(values.copy()).tobytes() != values.tobytes():
+                    found.append((name, change))
+            found += [
+                (name, f"attribute {own}")
+                for own in ("units", "scale_factor")
+                if own in file[name].attrs
+            ]
+        for place in (file, *(file[name] for name in file if isinstance(file[name], h5py.Group))):
+            found += [(place.name, f"attribute {own}") for own in place.attrs]
+    return found
+
+
+def edit(path: Path, name: str, change: str) -> None:
+    """Change a file in place by h5py, which renews Fletcher's checksums, but no digest."""
+    with h5py.File(path, "r+") as file:
+        if not change.startswith("attribute "):
+            file[name][()] = CHANGES[change](file[name][()])
+            return
+        own, attributes = change.removeprefix("attribute "), file[name].attrs
+        value = attributes[own]
+        attributes[own] = value + " " if isinstance(value, str) else value + value.dtype.type(1)
 
 
 def _values(path: Path) -> dict[str, np.ndarray]:

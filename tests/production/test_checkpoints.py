@@ -20,7 +20,7 @@ AREAS = (area(1, (0, 3, 2, 0, 1)), area(2, ()), area(3, (4, 0, 4)))
 
 @pytest.fixture
 def checkpoints(tmp_path: Path) -> Checkpoints:
-    found = Checkpoints.beside(tmp_path / "x.h5", "ab" * 32)
+    found = Checkpoints.beside(tmp_path / "x.h5", {"source code": "ab" * 32})
     found.folder.mkdir()
     for name, one in zip(NAMES, AREAS, strict=True):
         found.write(name, one)
@@ -57,6 +57,20 @@ def test_every_flipped_bit_is_noticed(checkpoints: Checkpoints) -> None:
     assert not dataclasses.replace(checkpoints, fingerprint="cd" * 32).is_whole(name)
 
 
+def test_a_checkpoint_is_of_its_area_alone(
+    checkpoints: Checkpoints, caplog: pytest.LogCaptureFixture
+) -> None:
+    here, other = (checkpoints.path(name) for name in NAMES[:2])
+    other.write_bytes(here.read_bytes())
+    assert checkpoints.is_whole(NAMES[0])
+    assert caplog.text == ""
+    assert not checkpoints.is_whole(NAMES[1])
+    assert f"{other}: is damaged, or of another area or run" in caplog.text
+    assert checkpoints.read(NAMES[1]) is None
+    with pytest.raises(AreaFailedError, match=NAMES[1]):
+        JoinedAreas.read(checkpoints, NAMES)
+
+
 def test_a_record_that_is_damaged_after_the_choice_is_an_error(checkpoints: Checkpoints) -> None:
     """Its file is as long as before and its table is whole."""
     joined = JoinedAreas.read(checkpoints, NAMES)
@@ -79,7 +93,7 @@ def test_an_error_before_the_first_area_leaves_nothing(
     shared: bool, names: tuple[str, ...], kept: bool, tmp_path: Path
 ) -> None:
     """But for a part of a build: others may be at work in the folder."""
-    found = Checkpoints.beside(tmp_path / "x.h5", "ab" * 32)
+    found = Checkpoints.beside(tmp_path / "x.h5", {"source code": "ab" * 32})
 
     def fail() -> None:
         with found.locked(shared):

@@ -14,6 +14,7 @@ import pytest
 
 from lcp_catalog.errors import ClusterError
 from lcp_catalog.production import cluster as engine
+from lcp_catalog.production.code_facts import code_facts
 from lcp_catalog.production.executor import run_tasks
 
 if TYPE_CHECKING:
@@ -80,15 +81,19 @@ def test_few_tasks_are_in_the_cluster_and_no_result_stays(cluster: LocalCluster)
     assert 1 <= most <= 2 * engine._AHEAD + 1
 
 
-@pytest.mark.parametrize("what", ["package", "content", "missing"])
+WORKERS = {"source code": "0" * 64, "NumPy": "1.0", "processor level": "AVX2 with vectors of 8"}
+
+
+@pytest.mark.parametrize("what", [*WORKERS, "content", "missing"])
 def test_a_worker_that_differs_is_refused(
     what: str, cluster: LocalCluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "dem.img"
     file.write_text("one\n")
-    if what == "package":
-        monkeypatch.setattr(engine, "package_digest", lambda: "another")
-        says = "not the lcp-catalog"
+    if what in WORKERS:
+        facts = code_facts() | {what: WORKERS[what]}
+        monkeypatch.setattr(engine, "code_facts", lambda: facts)
+        says = f"has another {what}.* than the process that sends the areas"
     elif what == "content":
         monkeypatch.setattr(engine, "file_facts", lambda paths: [{"sha256": "another"}])
         says = "dem.img: has other content"

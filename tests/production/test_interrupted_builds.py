@@ -108,7 +108,7 @@ def test_resume_and_overwrite_together(
         return run_area(job)
 
     monkeypatch.setattr(run, "run_area", counted)
-    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    checkpoints = Checkpoints.beside(output, plan.facts())
     checkpoints.folder.mkdir()
     checkpoints.begin(resume=False)
     checkpoints.write(
@@ -118,7 +118,7 @@ def test_resume_and_overwrite_together(
     assert plan.jobs[0].task.name not in computed
     assert len(computed) == len(plan.jobs) - 1
     assert output.read_bytes() == built.read_bytes()
-    other = Checkpoints.beside(output, "another")
+    other = Checkpoints.beside(output, {"source code": "another"})
     other.folder.mkdir()
     other.begin(resume=False)
     other.write(plan.jobs[0].task.name, finished_area(run_area(plan.jobs[0]), plan.recipe.config))

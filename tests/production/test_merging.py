@@ -22,12 +22,13 @@ from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import Cause, usable
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
 from lcp_catalog.catalog.summary import describe
-from lcp_catalog.catalog.verification import all_problems, verify
+from lcp_catalog.catalog.verification import verify
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
-from lcp_catalog.production.merging import MergedMaps, MergedPart, merge_catalogs
+from lcp_catalog.production.merging import MergedMaps, merge_catalogs
+from lcp_catalog.production.overlap import MergedPart
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.validation.claims import search_radius_m
@@ -164,6 +165,65 @@ def test_of_two_overviews_the_finer_one_holds(inputs: list[Catalog]) -> None:
         assert known[x > 450.0].any()
 
 
+# -- heights that contradict each other
+
+
+def relief(catalog: Catalog, change: Any, *parts: str) -> Catalog:
+    """The catalogue with changed heights: of the overview, of the patches, or of both."""
+    dem, view = catalog.dem, catalog.overview
+    dem = change(dem) if "patches" in parts else dem
+    height = change(view.height) if "overviews" in parts else view.height
+    return replace(catalog, dem=dem, overview=replace(view, height=height))
+
+
+CONTRADICTIONS = {
+    "mirrored": lambda z: z[..., ::-1],
+    "upside down": lambda z: -z,
+    "in kilometres": lambda z: z / 1e3,
+}
+
+
+@pytest.mark.parametrize("what", ["overviews", "patches"])
+@pytest.mark.parametrize("change", CONTRADICTIONS)
+def test_contradicting_heights_of_the_same_ground_are_refused(
+    what: str, change: str, inputs: list[Catalog], tmp_path: Path
+) -> None:
+    other = relief(inputs[1], CONTRADICTIONS[change], what)
+    sigma = {**inputs[1].errors, "height_sigma_m": 2.0}
+    paths = written(tmp_path, [replace(one, errors=sigma) for one in (inputs[0], other)])
+    says = rf"cannot be merged with .*: its heights differ by .* places of the {what}\), beyond"
+    for order in (paths, paths[::-1]):
+        with pytest.raises(CatalogError, match=says) as raised:
+            merge_catalogs(order, tmp_path / "m.h5")
+        assert "\n" not in str(raised.value)
+    assert not (tmp_path / "m.h5").exists()
+
+
+@pytest.mark.parametrize(("away_m", "merged"), [(80.0, True), (110.0, False)])
+def test_what_the_errors_explain_is_merged(
+    away_m: float, merged: bool, inputs: list[Catalog], tmp_path: Path
+) -> None:
+    """Three sigmas of a difference of two errors of 20 m, as between two DEMs of a build, are 85 m."""
+    other = relief(inputs[1], lambda z: z + np.float32(away_m), "overviews")
+    paths = written(tmp_path, [inputs[0], other])
+    if merged:
+        merge_catalogs(paths, tmp_path / "m.h5")
+    else:
+        with pytest.raises(CatalogError, match=r"differ by 110\.0 m .* beyond the \d\d\.\d m"):
+            merge_catalogs(paths, tmp_path / "m.h5")
+
+
+def test_heights_of_other_ground_are_not_compared(inputs: list[Catalog], tmp_path: Path) -> None:
+    west = merges.part(merges.whole(), 2.1, 3.0)
+    east = merges.part(merges.whole(), 4.0, 4.9)
+    half, x = west.overview.height.copy(), west.overview.x
+    half[:, x > 0.0] = np.nan
+    flipped = np.where(x > 0.0, -east.overview.height, np.nan).astype(np.float32)
+    west = replace(west, overview=replace(west.overview, height=half))
+    east = replace(east, overview=replace(east.overview, height=flipped))
+    merge_catalogs(written(tmp_path, [west, east]), tmp_path / "m.h5")
+
+
 def test_the_order_of_the_inputs_does_not_matter(inputs: list[Catalog], tmp_path: Path) -> None:
     """Nor do repeated inputs, nor the size of the blocks."""
     third = merges.disturbed(merges.part(merges.whole(), 2.6, 4.2), seed=8)
@@ -229,7 +289,7 @@ def test_levels_are_kept_apart(inputs: list[Catalog], tmp_path: Path) -> None:
     a, b = written(tmp_path, [coarse, fine])
     done = merge_catalogs([a, b], tmp_path / "m.h5")
     found = read(tmp_path / "m.h5")
-    assert all_problems(str(tmp_path / "m.h5")) == []
+    assert verify(tmp_path / "m.h5") == []
     assert done.levels_m == ((29.5,), (118.0,))
     assert found.level.tolist() == np.where(found.gsd < 100.0, 0, 1).tolist()
     assert done.doubles > 3
@@ -295,7 +355,7 @@ def test_promises_of_levels_are_kept_one_by_one(inputs: list[Catalog], tmp_path:
     a, b, c = written(tmp_path, [coarse, *levels])
     merge_catalogs([a, b], tmp_path / "two.h5")
     merge_catalogs([tmp_path / "two.h5", c], tmp_path / "m.h5")
-    assert all_problems(str(tmp_path / "m.h5")) == []
+    assert verify(tmp_path / "m.h5") == []
     found = read(tmp_path / "m.h5")
     told = found.promise
     assert told.gsd.tolist() == [118.0 / 16.0, 118.0 / 4.0, 118.0]
@@ -364,7 +424,7 @@ def test_nearly_equal_cells_are_one_level(inputs: list[Catalog], tmp_path: Path)
 def test_a_catalogue_without_points(inputs: list[Catalog], tmp_path: Path) -> None:
     none = inputs[1].take(np.zeros(0, np.int64))
     merge_catalogs(written(tmp_path, [inputs[0], none]), tmp_path / "m.h5")
-    assert all_problems(str(tmp_path / "m.h5")) == []
+    assert verify(tmp_path / "m.h5") == []
     found = read(tmp_path / "m.h5")
     assert len(found) == len(merges.chosen_by_search(inputs[:1], merges.SPACING_M))
     assert found.coverage.longitude.max() > 4.5
@@ -375,7 +435,7 @@ def test_albedo_of_one_input(inputs: list[Catalog], tmp_path: Path) -> None:
     albedo = np.full(inputs[1].dem.shape, 1.25, np.float32)
     east = replace(inputs[1], albedo=albedo, albedo_map=catalogs.ALBEDO_MAP)
     merge_catalogs(written(tmp_path, [inputs[0], east]), tmp_path / "m.h5")
-    assert all_problems(str(tmp_path / "m.h5")) == []
+    assert verify(tmp_path / "m.h5") == []
     found = read(tmp_path / "m.h5")
     known = np.isfinite(found.albedo).all(axis=(1, 2))
     assert known.any()

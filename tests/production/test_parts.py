@@ -5,15 +5,18 @@ writes the bytes of one build.
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 from typing import cast
 
 import pytest
 
 from lcp_catalog.errors import AreaFailedError, ConfigError, OutputExistsError
+from lcp_catalog.production import code_facts as facts
 from lcp_catalog.production import run
 from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
 from lcp_catalog.production.checkpoints import Checkpoints
+from lcp_catalog.production.code_facts import code_facts
 from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
@@ -137,7 +140,10 @@ def test_parts_of_another_build_are_refused(plan: Build, tmp_path: Path) -> None
 def test_two_parts_of_different_builds_that_start_together(tmp_path: Path) -> None:
     """Whoever notes its run first has the folder; the other one has seen it empty before."""
     output = tmp_path / "x.h5"
-    one, two = Checkpoints.beside(output, "one"), Checkpoints.beside(output, "two")
+    one, two = (
+        Checkpoints.beside(output, {"source code": "one"}),
+        Checkpoints.beside(output, {"source code": "two"}),
+    )
 
     class Late(Checkpoints):
         def _write_note(self, parts: int | None, overwrite: bool = True) -> None:
@@ -145,9 +151,71 @@ def test_two_parts_of_different_builds_that_start_together(tmp_path: Path) -> No
             super()._write_note(parts, overwrite)
 
     with one.locked(shared=True), two.locked(shared=True):
-        with pytest.raises(OutputExistsError, match="another configuration"):
-            Late(two.folder, "two").join(2)
+        with pytest.raises(
+            OutputExistsError, match=r"another source code \(one, here two\); go on"
+        ):
+            Late(two.folder, two.fingerprint, two.facts).join(2)
         one.join(2)
+
+
+def test_an_area_in_the_place_of_another_is_computed_again(
+    plan: Build, built: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its file is whole, and of the same run."""
+    output, (one, other) = tmp_path / "x.h5", [job.task.name for job in plan.jobs[:2]]
+    part, folder = BuildPart(1, 1), tmp_path / "x.h5.parts"
+    BuildRun(plan, output).part(part)
+    shutil.copy(folder / f"{one}.area", folder / f"{other}.area")
+    with pytest.raises(AreaFailedError, match=f"1 of {len(plan.jobs)} areas are missing.*{other}"):
+        BuildRun(plan, output).merge()
+    assert f"{other}.area: is damaged, or of another area or run" in caplog.text
+    BuildRun(plan, output).part(part)
+    BuildRun(plan, output).merge()
+    assert output.read_bytes() == built.read_bytes()
+
+
+FACTS = {
+    "source code": "another source code; go on with the same",
+    "numba": r"another numba \(0\.1, here \d",
+    "NumPy": r"another NumPy \(0\.1, here \d",
+    "processor level": r"another processor level \(0\.1, here .* vectors of (8|16)\)",
+}
+
+
+@pytest.mark.parametrize("fact", FACTS)
+def test_parts_of_other_code_or_of_another_level_are_refused(
+    fact: str, plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a part, by the merge and by `resume`; what was computed stays."""
+    output = tmp_path / "x.h5"
+    with monkeypatch.context() as patch:
+        other = "0" * 64 if fact == "source code" else "0.1"
+        patch.setattr(run, "code_facts", lambda: code_facts() | {fact: other})
+        BuildRun(plan, output).part(BuildPart(1, len(plan.jobs)))
+    kept = sorted(output.with_name("x.h5.parts").iterdir())
+    for attempt in (
+        lambda: BuildRun(plan, output).part(BuildPart(2, len(plan.jobs))),
+        BuildRun(plan, output).merge,
+        BuildRun(plan, output, resume=True).whole,
+    ):
+        with pytest.raises(OutputExistsError, match=FACTS[fact]) as raised:
+            attempt()
+        assert "\n" not in str(raised.value)
+    assert sorted(output.with_name("x.h5.parts").iterdir()) == kept
+
+
+def test_the_level_is_that_of_the_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A processor of more features of the same level, and of another name, is of the same level."""
+    own = {"SSE42": True, "POPCNT": True, "AVX": True, "AVX2": True, "FMA3": True}
+    monkeypatch.setattr(facts, "cpu_features", own)
+    level = facts.processor_level()
+    assert level.startswith("AVX2 ")
+    monkeypatch.setattr(facts, "cpu_features", own | {"VAES": True, "AVX512F": True})
+    assert facts.processor_level() == level
+    monkeypatch.setattr(facts, "cpu_features", own | {"FMA3": False})
+    assert facts.processor_level().startswith("AVX ")
+    monkeypatch.setattr(facts, "cpu_features", {"NEON": True, "ASIMD": True})
+    assert facts.processor_level().startswith("NEON ")
 
 
 def test_a_killed_part_leaves_nothing_in_the_end(plan: Build, built: Path, tmp_path: Path) -> None:

@@ -278,7 +278,7 @@ def test_errors_of_the_configuration_decide(plan: Build) -> None:
     errors = ErrorConfig(sensor_noise=0.3, height_sigma_m=60.0, albedo_sigma=0.2)
     loud = Build.plan((DEM,), dataclasses.replace(CONFIG, errors=errors))
     assert loud.recipe.errors.height_length_m == plan.recipe.errors.height_length_m
-    assert loud.fingerprint() != plan.fingerprint()
+    assert loud.facts() != plan.fingerprint()
     middle = len(plan.jobs) // 2
     ours, theirs = (run_area(p.jobs[middle]).candidates.evaluation for p in (plan, loud))
     assert np.nanmean(theirs.detection) < 0.7 * np.nanmean(ours.detection)
@@ -367,9 +367,9 @@ def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.dem_resolution[inside], 800.0)
     assert str(tmp_path) not in found.config
     assert 'sigma_map = "err.tif"' in found.config
-    before = build.fingerprint()
+    before = build.facts()
     geotiff(here / "err.tif", sigma + 1.0, *place)
-    assert Build.plan((DEM,), config).fingerprint() != before
+    assert Build.plan((DEM,), config).facts() != before
 
 
 def test_the_time_is_estimated_from_a_large_and_a_small_area(plan: Build) -> None:

@@ -1,0 +1,69 @@
+"""What computes a build: the code, its libraries and the processor's level, on which the last digits of results
+depend.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+from numpy._core._multiarray_umath import (  # type: ignore[import-not-found]  # it has no stub
+    __cpu_features__ as cpu_features,
+)
+
+from .._version import __version__
+from ..kernels.vectors import LANES
+
+_LEVELS = {
+    "AVX-512": ("AVX512F", "AVX512CD", "AVX512BW", "AVX512DQ", "AVX512VL"),
+    "AVX2": ("AVX2", "FMA3"),
+    "AVX": ("AVX",),
+    "SSE4.2": ("SSE42", "POPCNT"),
+    "SVE": ("SVE",),
+    "NEON": ("NEON", "ASIMD"),
+}
+"""Features of each level of processors, the widest registers first."""
+
+_SHOWN = 40
+"""Characters of a fact that is shown; digests are longer."""
+
+
+def code_facts() -> dict[str, str]:
+    """All but the inputs that determines the results of this process, by name."""
+    return {
+        "lcp-catalog": __version__,
+        "source code": package_digest(),
+        "numba": version("numba"),
+        "NumPy": version("numpy"),
+        "processor level": processor_level(),
+    }
+
+
+def differences(its: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """Names of the facts that are others here, with both where they are short; empty if none is."""
+    return ", ".join(
+        f"{name} ({its[name]}, here {mine})" if len(mine) <= _SHOWN else name
+        for name, mine in here.items()
+        if its.get(name, mine) != mine
+    )
+
+
+def processor_level() -> str:
+    """The widest registers for which this process has code, and the numbers of a kernel's vector: results
+    differ in their last digits between levels, not between processors of one.
+    """
+    found = [name for name, own in _LEVELS.items() if all(cpu_features.get(k) for k in own)]
+    return f"{(found or [platform.machine()])[0]} with vectors of {LANES}"
+
+
+@functools.cache
+def package_digest() -> str:
+    """SHA-256 sum of the package's source."""
+    digest, root = hashlib.sha256(), Path(__file__).parents[1]
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
