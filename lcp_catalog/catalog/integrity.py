@@ -295,9 +295,10 @@ def _along(index: Any, length: int, side: int) -> Iterator[_Part]:
     wanted = np.arange(length)[index].reshape(-1)
     chunk = wanted // side
     order = np.argsort(chunk, kind="stable")
-    numbers, first = np.unique(chunk[order], return_index=True)
-    for number, to in zip(numbers.tolist(), np.split(order, first[1:]), strict=False):
-        yield _Part(number * side, _as_slice(wanted[to] - number * side), _as_slice(to))
+    first = np.flatnonzero(np.diff(chunk[order], prepend=-1))
+    for to in np.split(order, first[1:]) if len(order) else ():
+        start = int(chunk[to[0]]) * side
+        yield _Part(start, _as_slice(wanted[to] - start), _as_slice(to))
 
 
 def _as_slice(places: Index) -> slice | Index:
@@ -325,7 +326,10 @@ def decoded(
         elif number == h5py.h5z.FILTER_DEFLATE:
             content = zlib.decompress(content, bufsize=prod(shape) * dtype.itemsize)
         elif dtype.itemsize > 1:  # shuffled
-            content = np.frombuffer(content, np.uint8).reshape(dtype.itemsize, -1).T.tobytes()
+            planes = np.frombuffer(content, np.uint8).reshape(dtype.itemsize, -1)
+            content = np.empty((planes.shape[1], dtype.itemsize), np.uint8)
+            for k, plane in enumerate(planes):  # three times as fast as a transposed copy
+                content[:, k] = plane
     return np.frombuffer(content, dtype).reshape(shape)
 
 

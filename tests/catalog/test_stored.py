@@ -164,7 +164,7 @@ def test_values_at_points_and_indices(
 def switched(written: Path, tmp_path: Path) -> tuple[Path, Callable[[], None]]:
     """A link to a catalogue, and what makes it in one step a link to another one or back."""
     link, files = tmp_path / "link.h5", [written, tmp_path / "other.h5"]
-    write_catalog(dataclasses.replace(catalogs.catalog(30, seed=5), title="other"), files[1])
+    write_catalog(dataclasses.replace(catalogs.catalog(31), title="other"), files[1])
     link.symlink_to(files[0])
 
     def switch() -> None:
@@ -190,6 +190,7 @@ def test_the_file_that_is_open_is_judged_and_not_its_name(
     for attempt in (lambda: open_catalog(link), lambda: found.longitude):
         with pytest.raises(CatalogError, match=r"link\.h5: was changed since it was opened"):
             attempt()
+        switch()  # back
 
 
 def test_a_link_that_switches_while_it_is_read_gives_one_file_or_an_error(
