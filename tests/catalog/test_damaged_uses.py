@@ -34,33 +34,24 @@ def test_the_whole_file_is_taken_by_every_use(sound: dict[str, Any]) -> None:
     assert len({str(found) for found in sound.values()}) == len(sound)
 
 
-def edited(whole: Path) -> Iterator[Path]:
-    """Edits of which the first checks of values find none."""
-    path, edits = whole.with_name("edited.h5"), damaged_catalogs.edits(whole)
+def damaged(whole: Path) -> Iterator[Path]:
+    """Edits of which the checks of values find none, and a bit near an index of chunks."""
+    path, edits = whole.with_name("damaged.h5"), damaged_catalogs.edits(whole)
     assert len(edits) >= 193
-    some = (("point_id", "rows exchanged"), ("dem", "mirrored"), ("/", "attribute errors"))
-    assert {*some} < {*edits}
-    for name, change in some:
+    for name, change in (("point_id", "rows exchanged"), ("dem", "mirrored")):
+        assert (name, change) in edits
         shutil.copy(whole, path)
         damaged_catalogs.edit(path, name, change)
         yield path
+    turned = bytearray(whole.read_bytes())
+    damaged_catalogs.flip_index(turned, np.random.default_rng(5))
+    path.write_bytes(turned)
+    yield path
 
 
-def flipped(whole: Path) -> Iterator[Path]:
-    rng, path = np.random.default_rng(5), whole.with_name("flipped.h5")
-    for _ in range(2):
-        damaged = bytearray(whole.read_bytes())
-        damaged_catalogs.flip_index(damaged, rng)
-        path.write_bytes(damaged)
-        yield path
-
-
-@pytest.mark.parametrize("damages", [edited, flipped])
-def test_a_damaged_file_is_refused_or_gives_the_same(
-    damages: Any, whole: Path, sound: dict[str, Any]
-) -> None:
+def test_a_damaged_file_is_refused_or_gives_the_same(whole: Path, sound: dict[str, Any]) -> None:
     refused = dict.fromkeys(sound, 0)
-    for path in damages(whole):
+    for path in damaged(whole):
         for use, expected in sound.items():
             found = catalog_uses.outcome(use, path, whole.parent)
             assert not catalog_uses.taken(use, expected, found), (use, path)
