@@ -238,7 +238,10 @@ class ChunkDigests:
         """
         dataset, grid = file[path], self.grids[path]
         index = (*index, *[slice(None)] * (len(grid.shape) - len(index)))
-        axes = [list(_along(*axis)) for axis in zip(index, grid.shape, grid.sides, strict=True)]
+        axes = [
+            list(_along(own, length, side))
+            for own, length, side in zip(index, grid.shape, grid.sides, strict=True)
+        ]
         filters = _filters(dataset)
         kept = [np.arange(n)[own] for n, own in zip(grid.shape, index, strict=True)]
         found = np.empty([places.size for places in kept], dataset.dtype)
