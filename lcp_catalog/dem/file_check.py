@@ -44,18 +44,18 @@ class CheckResult:
 
 def check_dem(path: Path | str) -> CheckResult:
     """Open a file, read all its pixels once, and compare them with the label. Faults of the file
-    are in the result and never raised.
+    are in the result and never raised. OSError where the system does not open it (no permission, too many open files).
     """
     try:
         dem = Dem.open(path)
         label = _label_of(Path(path))
         grid = None if label is None else grid_of_label(label)
-    except (LcpError, OSError) as error:
+    except LcpError as error:
         return CheckResult(str(path), None, (_line(error),))
     problems, notes = _sizes(dem, label), _names(dem, label)
     try:
         survey = sample_statistics(dem.raster)
-    except (LcpError, OSError) as error:
+    except LcpError as error:
         return CheckResult(str(path), dem.product, (*problems, _line(error)), tuple(notes))
     problems += [f"{dem.path}: {text}" for text in _heights(dem, survey)]
     notes += _stripes(survey)
@@ -66,7 +66,10 @@ def check_dem(path: Path | str) -> CheckResult:
     return CheckResult(str(path), dem.product, tuple(problems), tuple(notes))
 
 
-def _line(error: BaseException) -> str:
+def _line(error: LcpError) -> str:
+    """A fault of the file as one line; an error of the system is raised."""
+    if isinstance(error.__cause__, OSError) and error.__cause__.errno:
+        raise error
     return " ".join(str(error).split())
 
 
