@@ -10,7 +10,7 @@ import click
 
 from .files import FileCommand, InputFile, OutputFile
 from .messages import echo, say
-from .options import check_outputs, output_option, overwrite_option, write_files
+from .options import check_outputs, output_option, overwrite_option
 from .progress import progress
 from .value_types import Finite, Number
 
@@ -103,6 +103,7 @@ def command(
     source, the specular direction is at -incidence), optionally azimuth_deg, and one of intensity,
     brightness, radiance_factor. Use the fitted model with `--reflectance facet:MODEL.toml`.
     """
+    from lcp_catalog.atomic_files import write_files
     from lcp_catalog.photometry.facet_fit import (
         fit_chart,
         fit_file,

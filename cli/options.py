@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeVar
 
 import click
@@ -130,12 +129,3 @@ def check_outputs(overwrite: bool, *outputs: str | None) -> None:
     for name in outputs:
         if name is not None:
             check_output(name, overwrite)
-
-
-def write_files(files: Mapping[str, bytes], overwrite: bool) -> None:
-    """Write all files, or none of them if one cannot be written. The first appears last."""
-    from lcp_catalog.atomic_files import write_aside
-
-    with ExitStack() as stack:
-        for name, content in files.items():
-            stack.enter_context(write_aside(name, overwrite)).write_bytes(content)

@@ -51,6 +51,7 @@ def command(
     if output is None and preview:
         raise click.UsageError("--preview needs -o OUT.tif")
 
+    from lcp_catalog.atomic_files import write_files
     from lcp_catalog.rendering.pipeline import prepare
     from lcp_catalog.rendering.public import encode, picture, png
     from lcp_catalog.rendering.public import explain as explained
@@ -64,6 +65,6 @@ def command(
             seen = image.radiance if image.colour is None else image.colour
             shown = seen if image.composite is None else image.composite
             files[preview] = png(picture(shown))
-        options.write_files(files, overwrite)
+        write_files(files, overwrite)
     if explain:
         click.echo(json.dumps(explained(scene), indent=2))

@@ -187,6 +187,7 @@ def command(
     if Path(output).suffix.lower() not in PNG + TIFF:
         raise click.UsageError(f"-o {output}: the output must end in .png or .tif")
 
+    from lcp_catalog.atomic_files import write_files
     from lcp_catalog.photometry.albedo_map import open_grey_map
     from lcp_catalog.simulation.output import (
         camera_path,
@@ -220,4 +221,4 @@ def command(
         product_order=product_order or (),
     )
     files = {output: encode_frame(taken, output), beside: encode_camera(taken, camera.camera)}
-    options.write_files(files, overwrite)
+    write_files(files, overwrite)

@@ -198,10 +198,11 @@ def command(
     light.check_sun(sun, disc)
     if disc is not None and not dems:
         raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
+    from lcp_catalog.atomic_files import check_folder, check_output
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.validation.requirement import Requirement
     from lcp_catalog.validation.result import summary_lines
-    from lcp_catalog.validation.run import check_validation_folder, validate, write_validation
+    from lcp_catalog.validation.run import FILES, validate, write_validation
 
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not known_pose:
@@ -210,7 +211,10 @@ def command(
             "add --known-pose, or require position_sigma_m"
         )
     fitted = Path(errors_file) if errors_file else None
-    check_validation_folder(Path(output), overwrite, depfile, fitted)
+    check_folder(Path(output), FILES, overwrite)
+    for name, replaced in ((depfile, True), (errors_file, overwrite)):
+        if name and (Path(output).is_dir() or Path(name).parent != Path(output)):
+            check_output(name, replaced)
     with progress("images") as update:
         result = validate(
             catalog,

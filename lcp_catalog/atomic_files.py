@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import csv
+import ctypes
 import errno
 import hashlib
+import io
+import itertools
 import os
 import re
-import secrets
 import shutil
 import stat
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from .errors import OutputError, OutputExistsError
+
+try:
+    import fcntl
+except ImportError:  # Windows: what killed processes leave stays
+    fcntl = None  # type: ignore[assignment]  # the module is optional
 
 
 def check_output(
@@ -68,69 +76,206 @@ def check_folder(folder: Path, names: Iterable[str], overwrite: bool) -> None:
 
 
 @contextmanager
-def write_aside(path: Path | str, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a path in the same folder to write to. It is renamed to ``path`` when the block ends
-    without an error, and removed otherwise.
+def write_aside(
+    path: Path | str, overwrite: bool = False, inputs: Iterable[Path | str] = ()
+) -> Iterator[Path]:
+    """Yield a path of the same name to write to, in a folder of this process beside ``path`` (`_own_folder`).
+    The file is renamed to ``path`` when the block ends without an error, and removed otherwise.
 
     The file is synced before it is renamed, the folder after it. Raises as `check_output` does, and
     OutputError for a full disk or a failed write. An output that another process has made meanwhile
     is replaced only with ``overwrite``.
     """
-    target = check_output(path, overwrite)
-    aside = target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.part"
-    try:
-        with _named(path):
-            os.close(os.open(aside, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-            yield aside
-            _sync(aside)
-            _publish(aside, target, overwrite)
-            _sync(target.parent)
-    finally:
-        with suppress(OSError):
-            aside.unlink(missing_ok=True)
+    target = check_output(path, overwrite, inputs)
+    with _named(path), _own_folder(target) as folder:
+        aside = folder / target.name
+        yield aside
+        _sync(aside)
+        if overwrite:
+            os.replace(aside, target)
+        else:
+            _publish_new(aside, target)
+        _sync(target.parent)
 
 
 @contextmanager
 def folder_aside(
-    path: Path | str, endings: Iterable[str], overwrite: bool = False
+    path: Path | str, overwrite: bool = False, inputs: Iterable[Path | str] = ()
 ) -> Iterator[Path]:
-    """Yield an empty folder beside ``path`` to write files with these ``endings`` to. It is renamed to
+    """Yield an empty folder to write files to. With `MANIFEST`, a file that names them, it is renamed to
     ``path`` when the block ends without an error, and removed otherwise.
 
-    Raises as `check_output` does. With ``overwrite`` an existing folder is replaced; OutputError if it
-    holds a file with another ending.
+    Raises as `check_output` does. With ``overwrite`` an existing folder is replaced, at once where the
+    system can exchange two names (`_exchange`); OutputError if it holds anything that its own
+    `MANIFEST` does not name.
     """
-    target = _check_new_folder(path, tuple(endings), overwrite)
-    aside, old = (target.parent / f".{target.name[:100]}.{secrets.token_hex(6)}.part" for _ in "ab")
-    try:
-        with _named(path):
-            aside.mkdir()
-            yield aside
-            for file in [*aside.rglob("*"), aside]:
-                _sync(file)
-            if target.is_dir():
-                os.rename(target, old)
+    inputs = tuple(inputs)
+    target = _check_new_folder(path, overwrite, inputs)
+    with _named(path), _own_folder(target) as folder:
+        aside = folder / target.name
+        aside.mkdir()
+        yield aside
+        _write_manifest(aside)
+        for file in [*aside.rglob("*"), aside]:
+            _sync(file)
+        if _check_new_folder(path, overwrite, inputs).is_dir():  # files may have come meanwhile
+            _exchange(aside, target)
+        else:
             os.rename(aside, target)
-            _sync(target.parent)
-    finally:
-        for folder in (aside, old):
-            shutil.rmtree(folder, ignore_errors=True)
+        _sync(target.parent)
 
 
-def _check_new_folder(path: Path | str, endings: tuple[str, ...], overwrite: bool) -> Path:
+MANIFEST = "lcp-export.sha256"
+"""File of a folder that names its other files, with their SHA-256 sums as `sha256sum` writes and checks
+them."""
+
+
+def _write_manifest(folder: Path) -> None:
+    files = sorted(file for file in folder.rglob("*") if not file.is_dir())
+    sums = zip(file_facts(files), files, strict=True)
+    lines = (f"{one['sha256']}  {file.relative_to(folder).as_posix()}\n" for one, file in sums)
+    (folder / MANIFEST).write_text("".join(lines), encoding="utf-8", newline="\n")
+
+
+def _check_new_folder(path: Path | str, overwrite: bool, inputs: Iterable[Path | str]) -> Path:
+    """The real path of a folder to write, which is not there, or may be replaced."""
     target = Path(os.path.realpath(path))
     if not target.is_dir():
-        return check_output(path)
+        return check_output(path, inputs=inputs)
     if not overwrite:
         raise OutputExistsError(f"{path} exists; use `overwrite` to replace it")
-    for file in target.rglob("*"):
-        if not file.is_dir() and file.suffix not in endings:
+    for read in inputs:
+        if Path(os.path.realpath(read)).is_relative_to(target):
+            raise OutputError(f"{path}: holds {read}, which is read; name another folder")
+    named = {Path(MANIFEST)}
+    with suppress(FileNotFoundError):
+        lines = (target / MANIFEST).read_text(encoding="utf-8", errors="replace").splitlines()
+        named |= {Path(line[66:]) for line in lines}
+    named |= {above for file in named for above in file.parents}
+    for file in sorted(target.rglob("*")):
+        if file.relative_to(target) not in named:
             raise OutputError(
-                f"{path}: holds {file.name}, no part of an export; name another folder"
+                f"{path}: holds {file.relative_to(target)}, which is no part of an export; move it, or "
+                "name another folder"
             )
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write into {target.parent}")
     return target
+
+
+_LOCK, _FORMER = "lcp.lock", ".former"
+_WRITERS = 8
+"""Processes that usually write one output at a time, at most."""
+
+
+@contextmanager
+def _own_folder(target: Path) -> Iterator[Path]:
+    """A new folder ``.NAME.N.part`` beside an output, removed with its content at the end.
+
+    A file in it is locked as long as the process lives. What killed processes have left of the output
+    is removed first.
+    """
+    folder, lock = _taken_folder(target)
+    try:
+        yield folder
+    finally:
+        _clear(folder)
+        os.close(lock)
+
+
+def _taken_folder(target: Path) -> tuple[Path, int]:
+    """A folder that this process has made and locked, and the open lock."""
+    remove_leftovers(target)
+    for number in itertools.count():
+        folder = _folder(target, number)
+        with suppress(FileExistsError):
+            folder.mkdir()
+            with suppress(FileNotFoundError):  # another process took the folder for a leftover
+                lock = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o600)
+                if lock_file(lock) is not False and os.fstat(lock).st_nlink:
+                    return folder, lock
+                os.close(lock)
+    raise AssertionError("numbers do not end")
+
+
+def _folder(target: Path, number: int) -> Path:
+    return target.parent / f".{target.name[:60]}.{number}.part"  # 255 bytes at most
+
+
+def remove_leftovers(path: Path | str) -> None:
+    """Remove what killed processes have left of an output."""
+    target = Path(os.path.realpath(path))
+    for number in range(_WRITERS):
+        remove_left(_folder(target, number))
+
+
+def remove_left(folder: Path) -> None:
+    """Remove a folder of `_own_folder` unless its process lives, or the file system has no locks."""
+    try:
+        lock = os.open(folder / _LOCK, os.O_RDWR)
+    except OSError:
+        with suppress(OSError):
+            folder.rmdir()  # killed before the lock was made; a folder of other files stays
+        return
+    try:
+        if lock_file(lock):
+            _clear(folder)
+    finally:
+        os.close(lock)
+
+
+def _clear(folder: Path) -> None:
+    """Remove a folder of this process, its lock last; put an output back that `_exchange` was moving."""
+    with suppress(OSError):  # what stays now, the next run removes
+        for former in folder.glob(f"*{_FORMER}"):
+            target = folder.parent / former.name.removesuffix(_FORMER)
+            if not os.path.lexists(target):
+                os.rename(former, target)
+        for file in folder.iterdir():
+            if file.is_dir():
+                shutil.rmtree(file)
+            elif file.name != _LOCK:
+                file.unlink()
+        (folder / _LOCK).unlink()
+        folder.rmdir()
+
+
+def lock_file(opened: int, shared: bool = False) -> bool | None:
+    """Lock an open file until it is closed, or this process ends: False if another process has locked it,
+    None on a system without locks.
+    """
+    if fcntl is None:
+        return None
+    try:
+        fcntl.flock(opened, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        if error.errno not in (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP):
+            raise
+        return None
+    return True
+
+
+def _exchange(new: Path, target: Path) -> None:
+    """Give two folders each other's name, at once where Linux and the file system can (`renameat2`).
+
+    Elsewhere by two renames: between them there is no output. A process that is killed there leaves the
+    former one in its own folder, from which the next run puts it back.
+    """
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if renameat2 is not None:
+        if renameat2(_HERE, os.fsencode(new), _HERE, os.fsencode(target), _EXCHANGE) == 0:
+            return
+        code = ctypes.get_errno()
+        if code not in (errno.EINVAL, errno.ENOSYS, errno.EOPNOTSUPP):
+            raise OSError(code, os.strerror(code), str(target))
+    os.rename(target, new.with_name(target.name + _FORMER))
+    os.rename(new, target)  # an error: `_clear` puts the former one back
+
+
+_HERE, _EXCHANGE = -100, 2
+"""Constants of Linux: AT_FDCWD and RENAME_EXCHANGE."""
 
 
 def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool = False) -> None:
@@ -139,13 +284,23 @@ def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool =
         aside.write_bytes(content)
 
 
-def remove_leftovers(path: Path | str) -> None:
-    """Remove what killed processes have left of an output, while no process writes it."""
-    target = Path(os.path.realpath(path))
-    name = re.compile(rf"\.{re.escape(target.name[:100])}\.[0-9a-f]{{12}}\.part")
-    for file in target.parent.iterdir():
-        if name.fullmatch(file.name):
-            file.unlink(missing_ok=True)
+def write_files(files: Mapping[Path, bytes] | Mapping[str, bytes], overwrite: bool = False) -> None:
+    """Write all files, or none of them if one cannot be written. The first appears last."""
+    with ExitStack() as stack:
+        for name, content in files.items():
+            stack.enter_context(write_aside(name, overwrite)).write_bytes(content)
+
+
+def write_folder(folder: Path, texts: Mapping[str, str], overwrite: bool = False) -> None:
+    """Write files of a folder, which is made if needed, as `write_files` does; its other files stay.
+    Raises as `check_folder`.
+    """
+    check_folder(folder, texts, overwrite)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: the folder cannot be created: {error.strerror}") from error
+    write_files({folder / name: text.encode("utf-8") for name, text in texts.items()}, overwrite)
 
 
 def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:
@@ -166,6 +321,25 @@ def file_state(facts: os.stat_result) -> tuple[int, ...]:
     modification are made the same again.
     """
     return facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns
+
+
+def csv_lines(rows: Iterable[Iterable[Any]]) -> Iterator[str]:
+    """Lines of a CSV table (RFC 4180). A text that a spreadsheet would take for a formula begins with an
+    apostrophe; texts of numbers stay.
+    """
+    for row in rows:
+        out = io.StringIO()
+        csv.writer(out, lineterminator="\r\n").writerow(map(_cell, row))
+        yield out.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")):
+        try:
+            float(value)
+        except ValueError:
+            return f"'{value}"
+    return value
 
 
 def printable(text: str) -> str:
@@ -226,10 +400,8 @@ def _named(path: Path | str) -> Iterator[None]:
         raise
 
 
-def _publish(aside: Path, target: Path, overwrite: bool) -> None:
-    if overwrite:
-        os.replace(aside, target)
-        return
+def _publish_new(aside: Path, target: Path) -> None:
+    """Give a file the name of an output that must not be there yet."""
     try:
         os.link(aside, target)  # unlike a rename, it fails if the target exists by now
     except FileExistsError as error:

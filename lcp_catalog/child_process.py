@@ -13,8 +13,8 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -33,6 +33,26 @@ sys.path[:] = json.loads(sys.argv[1])
 from lcp_catalog.child_process import run_by_name
 run_by_name(json.loads(sys.argv[2]))
 """
+
+
+SAFE_PATH = {"PYTHONSAFEPATH": "1"}
+"""Environment of a Python that never imports from the working folder, which can hold a file like
+``random.py``."""
+
+
+@contextmanager
+def environment(**variables: str) -> Iterator[None]:
+    """A context in which processes start with these variables."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ |= variables
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 class ChildFailedError(Exception):
@@ -109,12 +129,12 @@ def _forked(given: tuple[Any, ...], reader: int, writer: int) -> int:
 
 def _fresh(given: tuple[Any, ...], writer: int) -> int:
     arguments = [sys.executable, "-c", _FRESH, json.dumps(sys.path), json.dumps(given)]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    variables = os.environ | {"OPENBLAS_NUM_THREADS": "1"} | SAFE_PATH
     streams = [
         (os.POSIX_SPAWN_DUP2, writer, 1),
         (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0),
     ]
-    return os.posix_spawn(sys.executable, arguments, environment, file_actions=streams)
+    return os.posix_spawn(sys.executable, arguments, variables, file_actions=streams)
 
 
 def _limit(seconds: float, memory_mb: float) -> None:

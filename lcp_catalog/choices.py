@@ -55,8 +55,8 @@ POINT_ENDINGS, CHART_ENDINGS = (".csv", ".geojson"), (".svg", ".html")
 EXPORTS = (".csv", ".parquet", ".geojson", ".gpkg", ".gcp", ".lmk", ".spc", ".bds")
 """Endings of the files that `lcp export` writes."""
 
-EXPORT_FOLDERS = {".lmk": (".lmk", ".csv"), ".spc": (".LMK", ".MAP", ".csv")}
-"""Exports that are folders, and the endings of the files in them."""
+EXPORT_FOLDERS = (".lmk", ".spc")
+"""Exports that are folders."""
 
 FRAMES = ("MOON_ME", "MOON_PA")
 """Moon-fixed frames of exports: mean Earth, in which catalogues are, and principal axes."""

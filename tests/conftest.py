@@ -122,7 +122,7 @@ def resolution_of_equal_heights() -> Iterator[None]:
     from lcp_catalog.dem import effective_resolution
 
     known: dict[object, effective_resolution.Resolution] = {}
-    of_windows = effective_resolution._of_windows
+    of_windows = effective_resolution.of_windows
 
     def remembered(
         windows: Sequence[effective_resolution.Heights], posting_m: float
@@ -137,7 +137,7 @@ def resolution_of_equal_heights() -> Iterator[None]:
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(effective_resolution, "_of_windows", remembered)
+        patch.setattr(effective_resolution, "of_windows", remembered)
         yield
 
 

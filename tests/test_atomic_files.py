@@ -2,16 +2,19 @@
 
 # ruff: noqa: PT012 - the block of a context manager is what is tested
 
+import ctypes
 import errno
 import os
 import shutil
 import subprocess
 import sys
+import types
 
 import pytest
 
 from lcp_catalog import atomic_files
 from lcp_catalog.atomic_files import (
+    MANIFEST,
     check_output,
     depfile_rule,
     folder_aside,
@@ -28,7 +31,7 @@ def names(folder):
 def test_appears_only_when_the_block_ends(tmp_path):
     with write_aside(tmp_path / "a.bin") as aside:
         aside.write_bytes(b"half")
-        assert aside.parent == tmp_path
+        assert aside.parent.parent == tmp_path
         assert not (tmp_path / "a.bin").exists()
         aside.write_bytes(b"whole")
     assert names(tmp_path) == ["a.bin"]
@@ -187,19 +190,58 @@ def test_make_finds_every_file_of_a_rule(target, tmp_path):
         os.utime(file, (1e9, 1e9))
 
 
-def test_leftovers_of_killed_processes_are_removed_and_nothing_else(tmp_path):
-    """A killed process cannot remove the file that it was writing."""
-    code = (
-        "import os, sys; from lcp_catalog.atomic_files import write_aside\n"
-        "with write_aside(sys.argv[1]): os.kill(os.getpid(), 9)"
+KILLED = (
+    "import os, sys; from lcp_catalog.atomic_files import folder_aside, write_aside\n"
+    "with globals()[sys.argv[1]](sys.argv[2], overwrite=True) as aside:\n"
+    "    if aside.is_dir(): (aside / 'one.lmk').write_bytes(b'1')\n"
+    "    else: aside.write_bytes(b'1')\n"
+    "    os.kill(os.getpid(), 9)"
+)
+
+
+@pytest.mark.parametrize("kind", ["write_aside", "folder_aside"])
+def test_leftovers_of_killed_processes_are_removed_and_nothing_else(tmp_path, kind):
+    """The next run of the same output removes them, also if a run is under way, and keeps the user's files."""
+    words = [sys.executable, "-c", KILLED, kind, str(tmp_path / "a.h5")]
+    others = (".a.h5.part", ".a.h5.1.part", ".a.h5.d.0.part")
+    for name in others:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine").touch()
+    with write_aside(tmp_path / "a.h5") as aside:  # `.0.part` is in use, `.1.part` the user's
+        subprocess.run(words, check=False)
+        assert names(tmp_path) == sorted([*others, ".a.h5.0.part", ".a.h5.2.part"])
+        atomic_files.remove_leftovers(tmp_path / "a.h5")
+        assert names(tmp_path) == sorted([*others, ".a.h5.0.part"])
+        aside.write_bytes(b"2")
+    subprocess.run(words, check=False)
+    write_bytes(tmp_path / "a.h5", b"3", overwrite=True)
+    assert names(tmp_path) == sorted([*others, "a.h5"])
+    assert [names(tmp_path / name) for name in others] == [["mine"]] * 3
+
+
+def test_a_process_killed_before_its_lock_leaves_nothing_either(tmp_path):
+    (tmp_path / ".a.h5.0.part").mkdir()
+    write_bytes(tmp_path / "a.h5", b"1")
+    assert names(tmp_path) == ["a.h5"]
+
+
+def test_where_there_are_no_locks_nothing_of_others_is_removed(tmp_path, monkeypatch):
+    subprocess.run(
+        [sys.executable, "-c", KILLED, "write_aside", str(tmp_path / "a.h5")], check=False
     )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.h5")], check=False)
-    (left,) = names(tmp_path)
-    for other in ("a.h5", "a.h5.part", ".a.h5.part", left.replace("a.h5", "a.h5.d"), ".mine.part"):
-        (tmp_path / other).touch()
-    atomic_files.remove_leftovers(tmp_path / "a.h5")
-    assert left not in names(tmp_path)
-    assert len(names(tmp_path)) == 5
+
+    def none(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(atomic_files.fcntl, "flock", none)
+    write_bytes(tmp_path / "a.h5", b"1")
+    assert names(tmp_path) == [".a.h5.0.part", "a.h5"]
+
+
+def test_long_names_of_many_bytes(tmp_path):
+    name = "\N{FULL MOON SYMBOL}" * 62 + ".h5"
+    write_bytes(tmp_path / name, b"1")
+    assert names(tmp_path) == [name]
 
 
 def _files(folder):
@@ -208,30 +250,130 @@ def _files(folder):
 
 def test_a_folder_appears_whole_and_replaces_only_its_own_kind(tmp_path):
     out = tmp_path / "maps"
-    with folder_aside(out, [".lmk"]) as aside:
+    with folder_aside(out) as aside:
         (aside / "one.lmk").write_bytes(b"1")
         assert not out.exists()
-    assert _files(tmp_path) == ["maps", "maps/one.lmk"]
-    with pytest.raises(OutputExistsError, match="`overwrite`"), folder_aside(out, [".lmk"]):
+    assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/one.lmk"]
+    with pytest.raises(OutputExistsError, match="`overwrite`"), folder_aside(out):
         pass
-    with folder_aside(out, [".lmk"], overwrite=True) as aside:
+    with folder_aside(out, overwrite=True) as aside:
+        (aside / "sub").mkdir()
+        (aside / "sub" / "two.lmk").write_bytes(b"2")
+    assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/sub", "maps/sub/two.lmk"]
+    subprocess.run(["sha256sum", "--quiet", "--check", MANIFEST], cwd=out, check=True)
+
+
+@pytest.mark.parametrize("theirs", ["notes.lmk", ".hidden", "sub/mine.csv", "other/", "MANIFEST"])
+def test_a_folder_with_a_file_of_the_user_is_refused_and_nothing_moves(tmp_path, theirs):
+    """Also a file that comes while the new folder is written."""
+    out = tmp_path / "maps"
+    with folder_aside(out) as aside:
+        (aside / "sub").mkdir()
+        (aside / "sub" / "one.lmk").write_bytes(b"1")
+    number = out.stat().st_ino
+
+    def plant():
+        (out / theirs).mkdir() if theirs.endswith("/") else (out / theirs).write_text("mine")
+
+    with pytest.raises(OutputError, match="no part of an export"), folder_aside(out, True) as aside:
         (aside / "two.lmk").write_bytes(b"2")
-    assert _files(tmp_path) == ["maps", "maps/two.lmk"]
-    (out / "notes.txt").write_text("mine")
-    with pytest.raises(OutputError, match=r"holds notes\.txt"), folder_aside(out, [".lmk"], True):
+        plant()
+    assert (out.stat().st_ino, names(tmp_path)) == (number, ["maps"])
+    with pytest.raises(OutputError, match=f"holds {theirs.rstrip('/')}"), folder_aside(out, True):
+        raise AssertionError("refused before anything is written")
+    (out / MANIFEST).unlink()
+    with pytest.raises(OutputError, match="no part of an export"), folder_aside(out, True):
         pass
-    assert _files(out) == ["notes.txt", "two.lmk"]
+    assert (out / theirs).exists()
+
+
+def test_a_folder_that_holds_what_is_read_is_refused(tmp_path):
+    out = tmp_path / "maps"
+    for _ in range(2):
+        read = [out / "one.lmk", out]
+        with pytest.raises(OutputError, match="is read"), folder_aside(out, True, read):
+            pass
+        with folder_aside(out, True) as aside:
+            (aside / "one.lmk").write_bytes(b"1")
+
+
+@pytest.mark.parametrize("code", [None, errno.EINVAL, errno.ENOSYS])
+def test_two_renames_where_names_cannot_be_exchanged(tmp_path, monkeypatch, code):
+    """If the second fails, the former folder is back; after a kill between them, at the next run."""
+    out = tmp_path / "maps"
+    with folder_aside(out) as aside:
+        (aside / "one.lmk").write_bytes(b"1")
+    library = types.SimpleNamespace()
+    if code is not None:
+        library.renameat2 = lambda *_: -1
+        monkeypatch.setattr(ctypes, "get_errno", lambda: code)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: library)
+    with folder_aside(out, True) as aside:
+        (aside / "two.lmk").write_bytes(b"2")
+    assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/two.lmk"]
+    rename = os.rename
+
+    def fail(source, target):
+        if not str(target).endswith(".former") and not str(source).endswith(".former"):
+            raise OSError(errno.EIO, "Input/output error")
+        rename(source, target)
+
+    monkeypatch.setattr(atomic_files.os, "rename", fail)
+    with pytest.raises(OutputError, match="Input/output error"), folder_aside(out, True):
+        pass
+    assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/two.lmk"]
+    monkeypatch.undo()
+    left = tmp_path / ".maps.0.part"
+    left.mkdir()
+    (left / "lcp.lock").touch()
+    out.rename(left / "maps.former")
+    atomic_files.remove_leftovers(out)
+    assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/two.lmk"]
+
+
+def test_an_exchange_that_fails_otherwise_changes_nothing(tmp_path, monkeypatch):
+    out = tmp_path / "maps"
+    with folder_aside(out) as aside:
+        (aside / "one.lmk").write_bytes(b"1")
+    library = types.SimpleNamespace(renameat2=lambda *_: -1)
+    monkeypatch.setattr(ctypes, "CDLL", lambda *_, **__: library)
+    monkeypatch.setattr(ctypes, "get_errno", lambda: errno.EIO)
+    with pytest.raises(OutputError, match="Input/output error"), folder_aside(out, True):
+        pass
+    assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/one.lmk"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two names at once")
+def test_there_is_always_a_whole_folder_while_it_is_replaced(tmp_path):
+    """A second process looks for it all the time."""
+    out = tmp_path / "maps"
+    look = (
+        "import os, sys\nprint('looks', flush=True)\n"
+        "while not os.path.exists(sys.argv[2]):\n    assert os.path.exists(sys.argv[1])"
+    )
+    with folder_aside(out) as aside:
+        (aside / "x.lmk").write_bytes(b"1")
+    end = tmp_path / "end"
+    words = [sys.executable, "-c", look, str(out / MANIFEST), str(end)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as watcher:
+        watcher.stdout.readline()
+        for number in range(200):
+            with folder_aside(out, True) as aside:
+                (aside / f"{number}.lmk").write_bytes(b"1")
+        end.touch()
+        error = watcher.communicate()[1].decode()
+    assert (watcher.returncode, error) == (0, "")
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 def test_a_failed_folder_leaves_nothing_and_keeps_the_old(tmp_path, error):
     out = tmp_path / "maps"
     for _ in range(2):
-        with pytest.raises(error), folder_aside(out, [".lmk"], overwrite=True) as aside:
+        with pytest.raises(error), folder_aside(out, overwrite=True) as aside:
             (aside / "half.lmk").write_bytes(b"1")
             raise error
         assert _files(tmp_path) in ([], ["maps"])
         out.mkdir(exist_ok=True)
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(OutputExistsError), folder_aside(tmp_path / "file", [".lmk"]):
+    with pytest.raises(OutputExistsError), folder_aside(tmp_path / "file"):
         pass

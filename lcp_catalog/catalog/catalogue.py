@@ -215,6 +215,12 @@ class Catalog(CatalogParts):
         return int(np.shape(held(self, "point_id"))[0])
 
     @property
+    def path(self) -> str | None:
+        """The file that variables are read from; None for a catalogue in memory."""
+        stored = held(self, "point_id")
+        return stored.source.name if isinstance(stored, StoredArray) else None
+
+    @property
     def patch_nodes(self) -> int:
         """Nodes along a patch's side."""
         return int(np.shape(held(self, "dem"))[1])

@@ -5,7 +5,6 @@ Public functions about catalogues: what one holds, how two differ, a report as a
 
 from __future__ import annotations
 
-import csv
 import json
 import tomllib
 from collections.abc import Iterator
@@ -17,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..arrays import AnyArray, Array, Index
-from ..atomic_files import write_aside
+from ..atomic_files import csv_lines, write_aside
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
 from .model import BLOCK_BYTES
@@ -192,8 +191,7 @@ class Comparison:
         names = [f"{name} [{unit(name)}]" if unit(name) else name for name in self.amounts]
         head = ["point_id", "difference", "longitude", "latitude", "former_id", "distance_m"]
         with write_aside(path, overwrite) as aside, aside.open("w", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(head + names)
+            file.writelines(csv_lines([head + names]))
             for kind, documents in (
                 ("came", self.came.documents()),
                 ("went", self.went.documents()),
@@ -205,7 +203,7 @@ class Comparison:
                     place = [found["point_id"], kind, found["longitude"], found["latitude"]]
                     move = [found.get(name, "") for name in head[4:]]
                     amounts = [_cell(own, name) for name in self.amounts]
-                    table.writerow([*place, *move, *amounts])
+                    file.writelines(csv_lines([[*place, *move, *amounts]]))
 
 
 def unit(name: str) -> str:

@@ -27,7 +27,9 @@ BLOCK_BYTES = 2**24
 
 
 class Source(Protocol):
-    """Where variables are that are not in memory."""
+    """Where variables are that are not in memory; ``name``: the file's."""
+
+    name: str
 
     def read(self, path: str, index: tuple[Any, ...]) -> AnyArray:
         """What NumPy's basic indexing selects of a variable, by its path in the file; the first index may be

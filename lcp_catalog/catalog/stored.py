@@ -126,7 +126,7 @@ class FileSource:
     """
 
     def __init__(self, stored: StoredFile) -> None:
-        self._stored = stored
+        self._stored, self.name = stored, stored.path
         with stored.opened() as file:
             self._digests = ChunkDigests(file)
             self.attributes, self.groups = attributes(file), group_attributes(file)

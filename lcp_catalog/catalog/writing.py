@@ -179,7 +179,7 @@ class DiskStream(io.RawIOBase):
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = os.open(path, os.O_RDWR)
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         self._place = self._end = 0
         self._error: OSError | None = None
         self._unwritten: list[tuple[int, bytes]] = []  # in the order of writing: the last counts

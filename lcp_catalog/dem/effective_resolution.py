@@ -30,7 +30,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arrays import Array, Float32
 from ..constants import MOON_RADIUS_M, SIGMA_PER_FWHM
@@ -199,32 +198,14 @@ def of_file(dem: Gridded) -> Resolution:
 
 @lru_cache(maxsize=64)
 def _of_file(dem: Gridded, identity: Hashable) -> Resolution:
-    return _of_windows(list(sample_windows(dem)), dem.gsd_m)
+    return of_windows(list(sample_windows(dem)), dem.gsd_m)
 
 
-def true_resolution(heights_m: ArrayLike, gsd_m: float | tuple[float, float]) -> Resolution:
-    """Effective resolution of heights (rows, cols) on a grid with node spacing ``gsd_m``, or (down,
-    across) in metres for the rows of a cylindrical map.
-
-    The result is the posting, which ``how`` states, for heights that are too few (below 32 x 32
-    nodes), full of gaps, constant, or with hardly an octave of waves below `LAW_LONGEST_M`.
-    ValueError for other shapes or steps.
+def of_windows(windows: Sequence[Heights], posting_m: float) -> Resolution:
+    """Effective resolution of heights with nodes ``posting_m`` apart: the posting, which ``how`` states, for
+    heights that are too few (below 32 x 32 nodes), full of gaps, constant, or with hardly an octave of
+    waves below `LAW_LONGEST_M`.
     """
-    z = np.asarray(heights_m, dtype=np.float64)
-    steps = np.asarray(gsd_m, dtype=np.float64)
-    if (
-        z.ndim != 2
-        or steps.shape not in ((), (2,))
-        or not (np.isfinite(steps) & (steps > 0.0)).all()
-    ):
-        raise ValueError(
-            f"heights must be (rows, cols) on positive steps, not {z.shape} on {gsd_m}"
-        )
-    down, across = np.broadcast_to(steps, 2).tolist()
-    return _of_windows([Heights(z, (down, across))], max(down, across))
-
-
-def _of_windows(windows: Sequence[Heights], posting_m: float) -> Resolution:
     spectrum = spectrum_of(windows)
     if spectrum is None:
         return _untold(

@@ -36,22 +36,21 @@ def plate_count(points: ExportedPoints) -> int:
     return 2 * len(points) * (points.catalog.patch_nodes - 1) ** 2
 
 
-def write_dsk(points: ExportedPoints, path: Path, boxed: bool = False) -> None:
+def write_dsk(points: ExportedPoints, path: Path) -> None:
     """One segment of the Moon's surface 1, in the frame's name of NAIF's kernels, valid 1900 to 2100.
 
     The plates are the patches' own triangles, seen from outside in counter-clockwise order; patches
     that overlap give plates above each other. AreaError for more than `PLATES_MAX` plates unless
-    the points were chosen by a box (``boxed``). MissingPackageError without spiceypy.
+    the points were chosen by a box. MissingPackageError without spiceypy.
     """
     count = plate_count(points)
-    if count > PLATES_MAX and not boxed:
+    if count > PLATES_MAX and points.box is None:
         raise AreaError(
             f"{count} plates are too many for a site ({PLATES_MAX}); choose it with `bounds`"
         )
     spice = package("spiceypy", "spice", "a .bds file")
     vertices = _vertices_km(points)
     plates = _plates(len(points), points.catalog.patch_nodes)
-    path.unlink(missing_ok=True)  # SPICE opens only what does not exist
     with _frame_known(spice, points.frame):
         handle = spice.dskopn(str(path), "lcp landmark patches", 0)
         try:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from importlib import import_module
 from pathlib import Path
 
 from ..atomic_files import folder_aside, write_aside
+from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..choices import EXPORT_FOLDERS, EXPORTS
 from ..constants import FRAME
@@ -13,6 +14,18 @@ from ..errors import ConfigError
 from ..geometry.bounds import Bounds
 from .frames import frame_named
 from .points import ExportedPoints
+
+_WRITERS = {
+    ".csv": ("tables", "write_csv"),
+    ".parquet": ("tables", "write_parquet"),
+    ".geojson": ("vectors", "write_geojson"),
+    ".gpkg": ("vectors", "write_geopackage"),
+    ".gcp": ("tables", "write_gcp"),
+    ".lmk": ("landmarks", "write_landmark_maps"),
+    ".spc": ("landmarks", "write_spc"),
+    ".bds": ("dsk", "write_dsk"),
+}
+"""Module and function of each of `choices.EXPORTS`; imported when it is used."""
 
 
 def export(
@@ -80,9 +93,13 @@ def export(
     if bounds is not None:
         west, south, east, north = bounds
         box = Bounds(west, south, east, north)
-    with _aside(output, ending, overwrite) as path:
+    read = catalog.path if isinstance(catalog, Catalog) else catalog
+    aside = folder_aside if ending in EXPORT_FOLDERS else write_aside
+    with aside(output, overwrite, [] if read is None else [read]) as path:
         points = ExportedPoints.chosen(opened_catalog(catalog), axes, box, level)
-        _write(points, path, ending, box, sun_deg)
+        module, function = _WRITERS[ending]
+        write = getattr(import_module(f"{__package__}.{module}"), function)
+        write(points, path, **({} if sun_deg is None else {"sun_deg": sun_deg}))
     return len(points)
 
 
@@ -93,51 +110,3 @@ def _sun(azimuth_deg: float | None, elevation_deg: float | None) -> tuple[float,
     if azimuth_deg is None or elevation_deg is None:
         raise ConfigError("`sun_azimuth_deg` and `sun_elevation_deg` go together")
     return azimuth_deg, elevation_deg
-
-
-def _aside(output: Path | str, ending: str, overwrite: bool) -> AbstractContextManager[Path]:
-    if ending in EXPORT_FOLDERS:
-        return folder_aside(output, EXPORT_FOLDERS[ending], overwrite)
-    return write_aside(output, overwrite)
-
-
-def _write(
-    points: ExportedPoints,
-    path: Path,
-    ending: str,
-    box: Bounds | None,
-    sun_deg: tuple[float, float] | None,
-) -> None:
-    match ending:
-        case ".csv":
-            from .tables import write_csv
-
-            write_csv(points, path)
-        case ".parquet":
-            from .tables import write_parquet
-
-            write_parquet(points, path)
-        case ".geojson":
-            from .vectors import write_geojson
-
-            write_geojson(points, path, box)
-        case ".gpkg":
-            from .vectors import write_geopackage
-
-            write_geopackage(points, path, box)
-        case ".gcp":
-            from .tables import write_gcp
-
-            write_gcp(points, path)
-        case ".lmk":
-            from .landmarks import write_landmark_maps
-
-            write_landmark_maps(points, path, sun_deg)
-        case ".spc":
-            from .landmarks import write_spc
-
-            write_spc(points, path)
-        case ".bds":
-            from .dsk import write_dsk
-
-            write_dsk(points, path, box is not None)

@@ -34,11 +34,14 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ExportedPoints:
-    """Points of a catalogue (rows ``rows`` (n,)), their places in ``frame``."""
+    """Points of a catalogue (rows ``rows`` (n,)), their places in ``frame``; ``box``: the limits, in MOON_ME,
+    within which they were chosen.
+    """
 
     catalog: Catalog
     rows: Index
     frame: LunarFrame
+    box: Bounds | None = None
 
     @classmethod
     def chosen(
@@ -58,7 +61,7 @@ class ExportedPoints:
             where = "" if box is None else f" within {box}"
             what = "" if level is None else f" of level {level}"
             raise AreaError(f"the catalogue has no points{what}{where}")
-        return cls(catalog, rows, frame)
+        return cls(catalog, rows, frame, box)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -185,9 +188,9 @@ def plain(values: AnyArray, missing: str | None) -> list[Any]:
     return [missing if math.isnan(value) else value for value in found.tolist()]
 
 
-def cells(points: ExportedPoints, box: Bounds | None) -> dict[str, AnyArray]:
-    """Coverage cells within the box: ``longitude_deg``, ``latitude_deg`` in the frame, ``status``."""
-    catalog = points.catalog
+def cells(points: ExportedPoints) -> dict[str, AnyArray]:
+    """Coverage cells within the points' box: ``longitude_deg``, ``latitude_deg`` in the frame, ``status``."""
+    catalog, box = points.catalog, points.box
     rows = catalog.cells_within(box) if box else np.arange(len(catalog.coverage.status))
     lon, lat, status = (
         catalog.part(f"coverage/{name}", rows) for name in ("longitude", "latitude", "status")

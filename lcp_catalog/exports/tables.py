@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
+from ..atomic_files import csv_lines
 from ..constants import MOON_RADIUS_M
 from .points import Column, ExportedPoints, package, plain
 
@@ -19,9 +19,9 @@ def write_csv(points: ExportedPoints, path: Path) -> None:
 def write_columns(columns: list[Column], path: Path) -> None:
     """Columns as CSV; numbers with all their digits, missing ones as empty cells."""
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\r\n")
-        writer.writerow([column.name for column in columns])
-        writer.writerows(zip(*(plain(column.values, "") for column in columns), strict=True))
+        file.writelines(csv_lines([[column.name for column in columns]]))
+        rows = zip(*(plain(column.values, "") for column in columns), strict=True)
+        file.writelines(csv_lines(rows))
 
 
 def write_parquet(points: ExportedPoints, path: Path) -> None:

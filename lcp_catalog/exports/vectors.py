@@ -7,7 +7,6 @@ closed along the pole's edge of the map.
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ import numpy as np
 from ..arrays import AnyArray, Array
 from ..catalog.schema import COVERAGE_STATUS
 from ..constants import FRAME
-from ..geometry.bounds import Bounds, wrapped_deg
+from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import mcmf_to_lonlat
 from .points import ExportedPoints, cells, package, plain
 
@@ -33,7 +32,7 @@ Fields = dict[str, AnyArray]
 Layer = tuple[str, str, Any, Fields]
 
 
-def layers(points: ExportedPoints, box: Bounds | None, wanted_for: str) -> Iterator[Layer]:
+def layers(points: ExportedPoints, wanted_for: str) -> Iterator[Layer]:
     """Name, type of geometry, geometries and fields of each layer. MissingPackageError without
     shapely.
     """
@@ -45,7 +44,7 @@ def layers(points: ExportedPoints, box: Bounds | None, wanted_for: str) -> Itera
     yield "points", "Point Z", shapely.points(np.stack([lon, lat, height], -1)), fields
     few = {name: fields[name] for name in ("point_id", "gsd_m", "level", "usable_share", "frame")}
     yield "footprints", "MultiPolygon", _footprints(points, shapely), few
-    found = cells(points, box)
+    found = cells(points)
     places = np.stack([found["longitude_deg"], found["latitude_deg"]], -1)
     status = np.array([COVERAGE_STATUS[code] for code in found["status"].tolist()], dtype=object)
     frame = np.full(len(status), points.frame.name, object)
@@ -98,7 +97,7 @@ def _around_pole(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
     return shapely.Polygon([*zip(lon, lat, strict=True), *ends])
 
 
-def write_geopackage(points: ExportedPoints, path: Path, box: Bounds | None = None) -> None:
+def write_geopackage(points: ExportedPoints, path: Path) -> None:
     """A GeoPackage with the three layers; the frame is metadata of file and layers, and a field.
     MissingPackageError without pyogrio or shapely.
     """
@@ -108,28 +107,26 @@ def write_geopackage(points: ExportedPoints, path: Path, box: Bounds | None = No
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_TIME})
     try:
-        for name, kind, geometry, fields in layers(points, box, "a .gpkg file"):
+        for name, kind, geometry, fields in layers(points, "a .gpkg file"):
             first = name == "points"
-            with warnings.catch_warnings():  # on the name of the unfinished file
-                warnings.filterwarnings("ignore", ".*extension", RuntimeWarning)
-                pyogrio.raw.write(
-                    path,
-                    shapely.to_wkb(geometry),
-                    list(fields.values()),
-                    list(fields),
-                    geometry_type=kind,
-                    crs=points.frame.crs,
-                    layer=name,
-                    driver="GPKG",
-                    append=not first,
-                    layer_metadata=about,
-                    dataset_metadata=about if first else None,
-                )
+            pyogrio.raw.write(
+                path,
+                shapely.to_wkb(geometry),
+                list(fields.values()),
+                list(fields),
+                geometry_type=kind,
+                crs=points.frame.crs,
+                layer=name,
+                driver="GPKG",
+                append=not first,
+                layer_metadata=about,
+                dataset_metadata=about if first else None,
+            )
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-def write_geojson(points: ExportedPoints, path: Path, box: Bounds | None = None) -> None:
+def write_geojson(points: ExportedPoints, path: Path) -> None:
     """The features of the three layers in one collection; the property ``layer`` names theirs. The
     member ``crs`` (GeoJSON 2008; RFC 7946 has only the Earth's WGS 84) holds the lunar CRS.
     MissingPackageError without shapely.
@@ -145,7 +142,7 @@ def write_geojson(points: ExportedPoints, path: Path, box: Bounds | None = None)
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(json.dumps(head)[:-1] + ', "features": [')
         between = "\n"
-        for name, _, geometry, fields in layers(points, box, "a .geojson file"):
+        for name, _, geometry, fields in layers(points, "a .geojson file"):
             rows = zip(*(plain(values, None) for values in fields.values()), strict=True)
             shapes = shapely.to_geojson(geometry)
             for shape, row in zip(shapes, rows, strict=True):

@@ -159,11 +159,6 @@ class Direction:
         return direction if isinstance(direction, Direction) else cls(np.asarray(direction))
 
     @classmethod
-    def from_angles(cls, azimuth_deg: float, elevation_deg: float) -> Direction:
-        """From an azimuth, clockwise from north, and an elevation above the horizontal, degrees."""
-        return cls(direction_enu(azimuth_deg, elevation_deg))
-
-    @classmethod
     def from_mcmf(cls, direction_mcmf: ArrayLike, frame: EnuFrame) -> Direction:
         """From an MCMF vector (3,), in the axes of a frame."""
         return cls(frame.direction_from_mcmf(direction_mcmf))

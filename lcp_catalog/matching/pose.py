@@ -258,14 +258,6 @@ def _frame_jacobian(camera: Camera, points: Array) -> Array:
     return np.concatenate([-by_place @ rotation, by_place @ turns], axis=-1)
 
 
-def spread_px2(sensor: Sensor, points_mcmf_m: ArrayLike, covariance: ArrayLike) -> Array:
-    """Covariance (n, 2, 2) of the image places of points (n, 3), to first order, for a covariance
-    (k, k) of the sensor's corrections.
-    """
-    slope = jacobian(sensor, points_mcmf_m)
-    return np.asarray(slope @ np.asarray(covariance, dtype=np.float64) @ np.swapaxes(slope, -1, -2))
-
-
 def solve(
     sensor: Sensor,
     points_mcmf_m: ArrayLike,

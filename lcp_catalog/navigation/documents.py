@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ..arrays import AnyArray, Array, Mask
+from ..atomic_files import csv_lines
 from ..catalog.catalogue import Catalog
 from ..choices import CHART_ENDINGS
 from ..constants import MOON_RADIUS_M
@@ -109,7 +108,7 @@ def _points(answer: Answer, catalog: Catalog) -> list[dict[str, Any]]:
 
 def points_csv(answer: Answer, catalog: Catalog) -> str:
     """Table of the points of one frame (`POINT_COLUMNS`)."""
-    return "".join(_csv([POINT_COLUMNS, *_point_rows(answer, catalog)]))
+    return "".join(csv_lines([POINT_COLUMNS, *_point_rows(answer, catalog)]))
 
 
 def _point_rows(answer: Answer, catalog: Catalog) -> list[tuple[Any, ...]]:
@@ -146,7 +145,7 @@ def points_geojson(answer: Answer, catalog: Catalog) -> str:
 
 def frames_csv(answers: Iterable[Answer]) -> Iterator[str]:
     """Lines of the table of the frames of a trajectory (`FRAME_COLUMNS`)."""
-    return _csv([FRAME_COLUMNS, *map(_frame_row, answers)])
+    return csv_lines([FRAME_COLUMNS, *map(_frame_row, answers)])
 
 
 def _frame_row(answer: Answer) -> tuple[Any, ...]:
@@ -171,14 +170,6 @@ def _frame_row(answer: Answer) -> tuple[Any, ...]:
 
 def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.6g}"
-
-
-def _csv(rows: Iterable[Sequence[Any]]) -> Iterator[str]:
-    """Lines of a CSV table (RFC 4180)."""
-    for row in rows:
-        out = io.StringIO()
-        csv.writer(out, lineterminator="\r\n").writerow(row)
-        yield out.getvalue()
 
 
 def point_lines(answer: Answer, catalog: Catalog, most: int) -> list[str]:

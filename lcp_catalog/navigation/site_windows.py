@@ -4,8 +4,6 @@ one direction, or for one that stays where it is.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array, Index
+from ..atomic_files import csv_lines
 from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
@@ -115,12 +114,8 @@ class SiteWindows:
 
     def csv_text(self) -> str:
         """Table of all instants (RFC 4180)."""
-        out = io.StringIO()
         columns = COLUMNS if self.position_sigma_m is not None else COLUMNS[:-1]
-        writer = csv.DictWriter(out, columns, lineterminator="\r\n")
-        writer.writeheader()
-        writer.writerows(self.records())
-        return out.getvalue()
+        return "".join(csv_lines([columns, *(record.values() for record in self.records())]))
 
 
 def site_windows(

@@ -309,21 +309,6 @@ def lobes(node: Node, head: Array, theta_deg: ArrayLike, phi_deg: ArrayLike = 0.
     return out.reshape(theta.shape)
 
 
-def shadowing_share(shadowing: Shadowing, incidence_deg: float, theta_deg: ArrayLike) -> Array:
-    """P of eq. (3) in the plane of incidence: share of the facets in specular position that are
-    neither shadowed nor masked.
-    """
-    head = constants(Optics(), shadowing)
-    psi, angles = math.radians(incidence_deg), np.radians(theta_deg)
-    cosine = math.cos(psi)
-    found = [
-        kernel.attenuation(head, cosine, math.sin(psi), math.cos(t), math.sin(t), 1.0, 0.0)[0]
-        * (cosine * math.cos(t))
-        for t in angles.ravel()
-    ]
-    return np.array(found).reshape(angles.shape)
-
-
 def node_radians(node: Node) -> tuple[float, ...]:
     """A node with its angles in radians, in the kernels' order."""
     psi, w_b, shift_b, sigma_b, w_d, shift_d, sigma_d = (float(v) for v in node)

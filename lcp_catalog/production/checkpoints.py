@@ -17,7 +17,6 @@ it, are removed when the catalogue has been written.
 from __future__ import annotations
 
 import contextlib
-import errno
 import hashlib
 import json
 import logging
@@ -32,16 +31,11 @@ from typing import IO, Any
 import numpy as np
 
 from ..arrays import AnyArray, Bytes, Index
-from ..atomic_files import printable, remove_leftovers, write_aside
+from ..atomic_files import lock_file, printable, remove_left, remove_leftovers, write_aside
 from ..errors import AreaFailedError, OutputExistsError
 from ..rendering.plan import ScenePlan
 from .code_facts import differences
 from .finished_area import TABLE, FinishedArea, checksums
-
-try:
-    import fcntl
-except ImportError:  # Windows: two builds of one output are not told from each other
-    fcntl = None  # type: ignore[assignment]  # the module is optional
 
 log = logging.getLogger(__name__)
 
@@ -126,17 +120,17 @@ class Checkpoints:
                 stream = os.open(self.folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
             except FileNotFoundError:  # the folder of a build that ends now
                 continue
-            try:
-                _lock(stream, shared)
-                if os.stat(self.folder / _LOCK).st_ino == os.fstat(stream).st_ino:
-                    return stream
-            except BlockingIOError:
+            locked = lock_file(stream, shared)
+            if locked is False:
                 os.close(stream)
                 raise OutputExistsError(
                     f"{self.folder}: another build of this output is running; wait for it, or give another output"
-                ) from None
-            except FileNotFoundError:
-                pass  # removed by a build that ended now
+                )
+            if locked is None:
+                log.warning("the file system has no locks: do not run two builds of one output")
+            with contextlib.suppress(FileNotFoundError):  # removed by a build that ended now
+                if os.stat(self.folder / _LOCK).st_ino == os.fstat(stream).st_ino:
+                    return stream
             os.close(stream)
 
     def begin(self, resume: bool, overwrite: bool = False) -> None:
@@ -306,21 +300,10 @@ class Checkpoints:
     def _remove_files(self) -> None:
         """Remove the run's files, also those that a killed process left half-written."""
         for name in (_NOTE, _AREAS, _OF_LEVEL, _LEVEL):
-            for pattern in (name, f".{name}.*.part"):
-                for file in self.folder.glob(pattern):
-                    file.unlink(missing_ok=True)
-
-
-def _lock(stream: int, shared: bool) -> None:
-    """Lock an open file; BlockingIOError if another process has locked it otherwise."""
-    if fcntl is None:
-        return
-    try:
-        fcntl.flock(stream, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno not in (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP):
-            raise
-        log.warning("the file system has no locks: do not run two builds of one output")
+            for file in self.folder.glob(name):
+                file.unlink(missing_ok=True)
+            for left in self.folder.glob(f".{name}.*.part"):
+                remove_left(left)
 
 
 def _are_whole(stream: IO[bytes], area: StoredArea) -> bool:

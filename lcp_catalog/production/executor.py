@@ -25,6 +25,7 @@ from multiprocessing.connection import wait as wait_for_connections
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..child_process import SAFE_PATH, environment
 from ..errors import ConfigError
 from ..threads import limit_threads
 from .cluster import run_on_cluster
@@ -79,7 +80,7 @@ def start_early() -> None:
     if FORKED:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([f"{__package__}.preloaded"])
-        with _signals_held():
+        with children_start():
             forkserver.ensure_running()
 
 
@@ -164,7 +165,7 @@ def _new_pool(jobs: int, method: str = "forkserver" if FORKED else "spawn") -> P
     if method == "forkserver":
         start_early()
     context = multiprocessing.get_context(method)
-    with _signals_held():  # multiprocessing starts a process of its own
+    with children_start():  # multiprocessing starts a process of its own
         return ProcessPoolExecutor(max_workers=jobs, mp_context=context, initializer=_begin_worker)
 
 
@@ -174,7 +175,7 @@ def _submit(
     """Give a pool a task, for which it may start a process. The future of a broken pool, or if no process
     can be started (the one to fork was killed), has failed as `_NotStartedError`.
     """
-    with _signals_held():
+    with children_start():
         try:
             return pool.submit(function, *arguments)
         except (BrokenProcessPool, OSError, EOFError) as error:
@@ -184,18 +185,19 @@ def _submit(
 
 
 @contextmanager
-def _signals_held() -> Iterator[None]:
-    """Processes that start in the block never get Ctrl-C or the end of the terminal, which their parent
-    handles (a signal that comes meanwhile: after the block).
+def children_start() -> Iterator[None]:
+    """Processes that start in the block never import from the working folder. They never get Ctrl-C or the
+    end of the terminal, which their parent handles (a signal that comes meanwhile: after the block).
     """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    with environment(**SAFE_PATH):
+        if not hasattr(signal, "pthread_sigmask"):  # Windows
+            yield
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin_worker() -> None:

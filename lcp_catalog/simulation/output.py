@@ -36,7 +36,7 @@ from .._version import __version__
 from ..accuracy import TIERS, Accuracy
 from ..accuracy import accuracy as accuracy_of
 from ..arrays import Array, Float32, Mask
-from ..atomic_files import check_output, write_bytes
+from ..atomic_files import write_files
 from ..cameras.frame_camera import Camera
 from ..cameras.isd import AnySensor, isd_with_sun
 from ..cameras.public import rendered_sensor
@@ -624,14 +624,8 @@ def simulate(
     taken = frame(surface, seen, detector, samples)
     if output is not None:
         path = camera if isinstance(camera, Path | str) else None
-        written = {
-            Path(output): encode_frame(taken, output),
-            camera_path(output): encode_camera(taken, path),
-        }
-        for name in written:
-            check_output(name, overwrite)
-        for name, content in written.items():
-            write_bytes(name, content, overwrite)
+        frames = {Path(output): encode_frame(taken, output)}
+        write_files(frames | {camera_path(output): encode_camera(taken, path)}, overwrite)
     return taken
 
 

@@ -47,7 +47,7 @@ from ..photometry.laws import reflectance_model
 from ..production.area_job import AreaJob, Candidates, area_sweep, run_area
 from ..production.assembly import choose, spacing_m
 from ..production.config import BuildConfig
-from ..production.executor import processes
+from ..production.executor import children_start, processes
 from ..production.finished_area import table_of
 from ..production.run import Build
 from ..production.sweep import Conditions, RenderedImage, Sweep
@@ -540,7 +540,9 @@ class Workers:
         if name not in self._pools:
             self._pools[name] = self._stack.enter_context(processes(1))
         try:
-            return self._pools[name].submit(function, *arguments).result()
+            with children_start():
+                called = self._pools[name].submit(function, *arguments)
+            return called.result()
         except BrokenProcessPool as error:
             raise AreaFailedError(
                 f"the process of {name} died (killed or out of memory); use a coarser `gsd_m` or a smaller area"

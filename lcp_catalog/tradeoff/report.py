@@ -19,7 +19,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS
-from ..atomic_files import check_folder, write_bytes
+from ..atomic_files import check_folder, write_folder
 from ..catalog.summary import latitude_name
 from ..choices import LAWS_BY_COST, REFERENCE_LAW
 from ..dem.public import Dems
@@ -79,23 +79,15 @@ LAWS_EXPLAINED = (
 )
 
 
-def check_trade_folder(folder: Path, overwrite: bool) -> None:
-    """Check the output folder before the measurement. Raises as `atomic_files.check_folder`."""
-    check_folder(folder, FILES, overwrite)
-
-
 def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
     """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is created if
     missing.
 
     Raises as `atomic_files.check_folder`.
     """
-    check_trade_folder(folder, overwrite)
     document = trade.document() | {"advice": advice(trade.rows)}
-    folder.mkdir(exist_ok=True)
     texts = (json.dumps(document, indent=2) + "\n", render_trade(trade), markdown(trade))
-    for name, text in zip(FILES, texts, strict=True):
-        write_bytes(folder / name, text.encode("utf-8"), overwrite)
+    write_folder(folder, dict(zip(FILES, texts, strict=True)), overwrite)
 
 
 # -- recommended tiers
@@ -561,7 +553,7 @@ def trade(
     """
     folder = None if output is None else Path(output)
     if folder is not None:
-        check_trade_folder(folder, overwrite)
+        check_folder(folder, FILES, overwrite)
     build = planned_build(
         dem, config, center_deg=center_deg, size_km=size_km, bounds_deg=bounds_deg, gsd_m=gsd_m
     )

@@ -8,8 +8,6 @@ Public function that compares a catalogue with images.
 
 from __future__ import annotations
 
-import csv
-import io
 import logging
 import math
 import os
@@ -25,7 +23,7 @@ import numpy as np
 from ..accuracy import TIERS, Accuracy
 from ..accuracy import accuracy as accuracy_of
 from ..arrays import Mask
-from ..atomic_files import check_folder, check_output, depfile_rule, write_bytes
+from ..atomic_files import check_folder, csv_lines, depfile_rule, write_bytes, write_folder
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog.catalogue import Catalog
@@ -40,7 +38,6 @@ from ..errors import (
     DemError,
     ImageError,
     LcpError,
-    OutputError,
     SunError,
 )
 from ..geometry.ellipses import error_ellipses
@@ -495,38 +492,8 @@ def _sun_from(request: Validation, sensor: Sensor) -> str:
     return "the camera file" if known else "the image's label"
 
 
-FILES = ("points.csv", "windows.csv", "report.html", "report.json")
-"""Files in the order of writing; report.json, the target of the make rule, is the last."""
-
-
-def check_validation_folder(
-    folder: Path,
-    overwrite: bool,
-    depfile: Path | str | None = None,
-    errors_file: Path | None = None,
-) -> None:
-    """Check the output folder before the validation. Raises as `atomic_files.check_folder`, and for
-    the make rule and the file of fitted errors as `atomic_files.check_output`; OutputError if one of
-    these is a file of the report, or both are one file.
-    """
-    check_folder(folder, FILES, overwrite)
-    if depfile:
-        _require_elsewhere(folder, depfile, "`depfile`", overwrite=True)
-    if errors_file:
-        _require_elsewhere(folder, errors_file, "`fit_errors`", overwrite)
-    if depfile and errors_file and os.path.realpath(depfile) == os.path.realpath(errors_file):
-        raise OutputError(f"{errors_file}: is the file of `depfile`; choose another one")
-
-
-def _require_elsewhere(folder: Path, path: Path | str, option: str, overwrite: bool) -> None:
-    """Check that another output does not replace a file of the report. The folder need not exist
-    yet.
-    """
-    place = Path(os.path.realpath(path))
-    if place.parent == Path(os.path.realpath(folder)) and place.name in FILES:
-        raise OutputError(f"{path}: is a file of the report; choose another name for {option}")
-    if folder.is_dir() or place.parent != Path(os.path.realpath(folder)):
-        check_output(path, overwrite)
+FILES = ("report.json", "report.html", "windows.csv", "points.csv")
+"""Files of a report. The first, the target of the make rule, appears last."""
 
 
 def write_validation(
@@ -539,24 +506,19 @@ def write_validation(
     """Write `FILES` into a folder, which is created if missing. ``depfile``: also the list of input
     files, as a rule for make. ``errors_file``: also the fitted error model.
     """
-    check_validation_folder(folder, overwrite, depfile, errors_file)
     images = result.verdict.images
     texts = (
-        csv_text(images),
-        windows_csv_text(images),
-        render(result.verdict, result.pictures),
         result.verdict.to_json(),
+        render(result.verdict, result.pictures),
+        windows_csv_text(images),
+        csv_text(images),
     )
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: the folder cannot be created: {error.strerror}") from error
+    files = dict(zip(FILES, texts, strict=True))
     if errors_file and result.fitted:
-        write_bytes(errors_file, result.fitted.to_toml().encode("utf-8"), overwrite)
-    for name, text in zip(FILES, texts, strict=True):
-        write_bytes(folder / name, text.encode("utf-8"), overwrite)
+        files[os.path.abspath(errors_file)] = result.fitted.to_toml()  # elsewhere: `folder / name`
+    write_folder(folder, files, overwrite)
     if depfile:
-        rule = depfile_rule(folder / FILES[-1], result.sources)
+        rule = depfile_rule(folder / FILES[0], result.sources)
         write_bytes(depfile, rule, overwrite=True)
 
 
@@ -652,11 +614,7 @@ def _bits(values: Mask, known: Mask) -> list[int | str]:
 
 
 def _text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\r\n")
-    writer.writerow(columns)
-    writer.writerows([_cell(value) for value in row] for row in rows)
-    return out.getvalue()
+    return "".join(csv_lines([columns, *(map(_cell, row) for row in rows)]))
 
 
 def _cell(value: Any) -> Any:
@@ -767,7 +725,7 @@ def validate(
     """
     folder = None if output is None else Path(output)
     if folder is not None:
-        check_validation_folder(folder, overwrite)
+        check_folder(folder, FILES, overwrite)
     auto = encoding == "auto"
     result = run_validation(
         Validation(

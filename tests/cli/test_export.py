@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ from helpers import catalogs
 from helpers.commands import refusal
 from lcp_cli.main import run
 
+import lcp_catalog as lcp
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.choices import EXPORT_FOLDERS, EXPORTS
+from lcp_catalog.errors import OutputError
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +90,28 @@ def test_a_folder_with_other_files_stays(catalog: str, tmp_path: Path, capsys) -
     assert "notes.txt" in line
     assert (folder / "notes.txt").read_text() == "mine"
     assert len(list(folder.iterdir())) == 1
+
+
+def test_the_catalogue_that_is_read_is_never_lost(catalog: str, tmp_path: Path, capsys) -> None:
+    """Neither one in the folder that is replaced, nor one of the output's own name."""
+    folder = tmp_path / "out.lmk"
+    assert run(["export", catalog, "-o", str(folder)]) == 0
+    inside = Path(shutil.copy(catalog, folder / "c.h5"))
+    capsys.readouterr()
+    line = refusal(["export", str(inside), "-o", str(folder), "--overwrite"], 1, capsys)
+    assert "out.lmk: holds" in line
+    named = Path(shutil.copy(catalog, next(folder.glob("*.lmk"))))  # a name of the export itself
+    inside.unlink()
+    assert "which is read" in refusal(
+        ["export", str(named), "-o", str(folder), "--overwrite"], 1, capsys
+    )
+    own = Path(shutil.copy(catalog, tmp_path / "c.csv"))
+    for one in (own, str(own), lcp.open_catalog(own)):
+        with pytest.raises(OutputError, match="is read, too"):
+            lcp.export(one, own, overwrite=True)
+    with pytest.raises(OutputError, match="which is read"):
+        lcp.export(lcp.open_catalog(named), folder, overwrite=True)
+    assert named.read_bytes() == own.read_bytes() == Path(catalog).read_bytes()
 
 
 def test_a_failed_folder_leaves_the_former_one(

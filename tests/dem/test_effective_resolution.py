@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.constants import MOON_RADIUS_M, SIGMA_PER_FWHM
-from lcp_catalog.dem import effective_resolution
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.effective_resolution import Heights, of_file, sample_windows, true_resolution
+from lcp_catalog.dem.effective_resolution import Heights, of_file, of_windows, sample_windows
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.raster import Gridded
@@ -27,6 +26,12 @@ HALF_WAVE = np.pi * SIGMA_PER_FWHM / np.sqrt(2.0 * np.log(2.0))
 """Half of the wavelength that a Gaussian halves, in units of its full width: exp(-2 (pi s /
 wave)^2) = 1/2. It is 1.13.
 """
+
+
+def true_resolution(heights_m, gsd_m):
+    """Effective resolution of heights on a grid, steps down and across or both alike."""
+    down, across = np.broadcast_to(gsd_m, 2).tolist()
+    return of_windows([Heights(np.asarray(heights_m, float), (down, across))], max(down, across))
 
 
 LEVEL, WAVE_M = 5.6e-5, 10e3
@@ -186,12 +191,6 @@ def test_cells_so_wide_that_the_moons_own_law_bends_cannot_tell(ldem_4):
     assert "too few" in found.how
 
 
-@pytest.mark.parametrize("gsd", [0.0, -1.0, np.inf, (1.0, 0.0), (1.0, 1.0, 1.0)])
-def test_steps_that_are_none_are_refused(gsd):
-    with pytest.raises(ValueError, match="steps"):
-        true_resolution(np.zeros((50, 50)), gsd)
-
-
 # -- real products
 
 
@@ -269,8 +268,8 @@ def test_windows_with_other_relief_count_alike(tmp_path):
     """
     quiet, rough = ground(200, 400, 4.0, 1, 700.0), 100.0 * ground(200, 400, 4.0, 2, 250.0)
     windows = [Heights(z, (GSD_M, GSD_M)) for z in (quiet, quiet[::-1], quiet[:, ::-1], rough)]
-    pooled = effective_resolution._of_windows(windows, GSD_M).resolution_m
-    alone = [effective_resolution._of_windows([w], GSD_M).resolution_m for w in windows]
+    pooled = of_windows(windows, GSD_M).resolution_m
+    alone = [of_windows([w], GSD_M).resolution_m for w in windows]
     assert abs(np.log(pooled / alone[0])) < 0.5 * abs(np.log(alone[3] / alone[0]))
 
 

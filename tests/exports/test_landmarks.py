@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from lcp_catalog.exports.dsk import write_dsk
 from lcp_catalog.exports.frames import frame_named
 from lcp_catalog.exports.landmarks import reflectance, write_landmark_maps, write_spc
 from lcp_catalog.exports.points import ExportedPoints
+from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.geometry.frames import direction_enu
 
 PATCH = 9
@@ -194,7 +196,7 @@ def test_too_many_plates_need_a_box(points: ExportedPoints, tmp_path: Path, monk
     monkeypatch.setattr("lcp_catalog.exports.dsk.PLATES_MAX", 100)
     with pytest.raises(ValueError, match=r"896 plates are too many for a site .*`bounds`"):
         write_dsk(points, tmp_path / "site.bds")
-    write_dsk(points, tmp_path / "site.bds", boxed=True)
+    write_dsk(dataclasses.replace(points, box=Bounds(-180, -90, 180, 90)), tmp_path / "site.bds")
 
 
 def test_spc_has_no_more_names_than_its_six_characters(points: ExportedPoints, tmp_path: Path, monkeypatch) -> None:  # fmt: skip

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from lcp_catalog.geometry.frames import Direction, EnuFrame
+from lcp_catalog.geometry.frames import Direction, EnuFrame, direction_enu
 
 
 def test_angles_and_vector() -> None:
     """Recipe: azimuth 30 deg, elevation 60 deg: east cos60 sin30, north cos60 cos30, up sin60."""
-    sun = Direction.from_angles(30.0, 60.0)
+    sun = Direction(direction_enu(30.0, 60.0))
     assert_allclose(sun.vector, [0.25, math.sqrt(3.0) / 4.0, math.sqrt(3.0) / 2.0], atol=1e-15)
     assert (sun.azimuth_deg, sun.elevation_deg) == (pytest.approx(30.0), pytest.approx(60.0))
     assert sun.azimuth_rad == pytest.approx(math.pi / 6.0)

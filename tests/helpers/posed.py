@@ -9,6 +9,7 @@ import numpy as np
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import ON_MAP, FullSensor, Sensor
 from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.matching.pose import jacobian
 
 HADLEY = EnuFrame(3.6, 26.1)
 DOWN = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
@@ -113,3 +114,11 @@ class PlainMap(FullSensor):
     def moved(self, correction: np.ndarray) -> PlainMap:
         east, north = np.asarray(correction, dtype=float)
         return PlainMap(self.frame, self.east_m + east, self.north_m + north)
+
+
+def spread_px2(sensor: Sensor, points_mcmf_m: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Covariance (n, 2, 2) of the image places of points (n, 3), to first order, for a covariance
+    (k, k) of the sensor's corrections.
+    """
+    slope = jacobian(sensor, points_mcmf_m)
+    return np.asarray(slope @ np.asarray(covariance) @ np.swapaxes(slope, -1, -2))

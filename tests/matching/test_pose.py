@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from helpers.posed import HADLEY, PlainMap, camera, covariances, ground, noise, turned
+from helpers.posed import HADLEY, PlainMap, camera, covariances, ground, noise, spread_px2, turned
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
@@ -14,7 +14,7 @@ from scipy.special import chdtri
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Reduced, Uncertainty
 from lcp_catalog.errors import PoseError
-from lcp_catalog.matching.pose import jacobian, position_error, solve, spread_px2
+from lcp_catalog.matching.pose import jacobian, position_error, solve
 
 UNCERTAIN = Uncertainty(5000.0, np.radians(0.5))
 NO_PRIOR = Uncertainty(np.inf, np.inf)

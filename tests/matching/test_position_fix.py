@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.claiming import claiming
-from helpers.posed import PlainMap
+from helpers.posed import PlainMap, spread_px2
 from helpers.small_world import GSD_M, LAW, World, mirrored, overhead
 from helpers.suns import light
 
@@ -24,7 +24,7 @@ from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE, REASONS
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.pose import jacobian, position_error, spread_px2
+from lcp_catalog.matching.pose import jacobian, position_error
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from helpers.posed import spread_px2
 from helpers.small_world import LAW, World, overhead
 from helpers.suns import light
 
@@ -18,7 +19,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_search import find_points
-from lcp_catalog.matching.pose import SharedTerrain, solve, spread_px2
+from lcp_catalog.matching.pose import SharedTerrain, solve
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,

@@ -22,7 +22,6 @@ from lcp_catalog.photometry.facet_model import (
     constants,
     lobes,
     named_model,
-    shadowing_share,
 )
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 
@@ -330,6 +329,21 @@ def test_energy(name):
         whole = (values.mean(axis=1) * weight).sum() / math.cos(psi)
         assert whole == pytest.approx(model.albedo, rel=5e-3)
     assert model.reflectance([0, 33, 77, 89]) == pytest.approx(np.full(4, model.albedo), rel=5e-3)
+
+
+def shadowing_share(shadowing, incidence_deg, theta_deg):
+    """P of eq. (3) in the plane of incidence: share of the facets in specular position that are
+    neither shadowed nor masked.
+    """
+    head = constants(Optics(), shadowing)
+    psi, angles = math.radians(incidence_deg), np.radians(theta_deg)
+    cosine = math.cos(psi)
+    found = [
+        kernel.attenuation(head, cosine, math.sin(psi), math.cos(t), math.sin(t), 1.0, 0.0)[0]
+        * (cosine * math.cos(t))
+        for t in angles.ravel()
+    ]
+    return np.array(found).reshape(angles.shape)
 
 
 def test_shadowing_share():

@@ -223,7 +223,10 @@ def test_a_killed_part_leaves_nothing_in_the_end(plan: Build, built: Path, tmp_p
     output = tmp_path / "x.h5"
     folder = tmp_path / "x.h5.parts"
     BuildRun(plan, output).part(BuildPart(1, 1))
-    (folder / f".{plan.jobs[0].task.name}.area.0123456789ab.part").write_bytes(b"half")
+    left = folder / f".{plan.jobs[0].task.name}.area.0.part"
+    left.mkdir()
+    (left / "lcp.lock").touch()
+    (left / f"{plan.jobs[0].task.name}.area").write_bytes(b"half")
     BuildRun(plan, output).merge()
     assert list(tmp_path.iterdir()) == [output]
     assert output.read_bytes() == built.read_bytes()

@@ -184,6 +184,6 @@ def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> 
         report.write_trade(trade, folder)
     report.write_trade(trade, folder, overwrite=True)
     with pytest.raises(OutputError, match="not a folder"):
-        report.check_trade_folder(folder / "trade.json", overwrite=True)
+        report.write_trade(trade, folder / "trade.json", overwrite=True)
     with pytest.raises(OutputError, match="does not exist"):
-        report.check_trade_folder(tmp_path / "no" / "where", overwrite=False)
+        report.write_trade(trade, tmp_path / "no" / "where")
