@@ -35,24 +35,23 @@ run_by_name(json.loads(sys.argv[2]))
 """
 
 
-SAFE_PATH = {"PYTHONSAFEPATH": "1"}
-"""Environment of a Python that never imports from the working folder, which can hold a file like
-``random.py``."""
+_SAFE_PATH = "PYTHONSAFEPATH"
+"""Variable of the environment of a Python that never imports from the working folder, which can hold a file
+like ``random.py``."""
 
 
 @contextmanager
-def environment(**variables: str) -> Iterator[None]:
-    """A context in which processes start with these variables."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ |= variables
+def safe_path() -> Iterator[None]:
+    """A context in which processes start that never import from the working folder."""
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        if before is None:
+            os.environ.pop(_SAFE_PATH, None)
+        else:
+            os.environ[_SAFE_PATH] = before
 
 
 class ChildFailedError(Exception):
@@ -129,7 +128,7 @@ def _forked(given: tuple[Any, ...], reader: int, writer: int) -> int:
 
 def _fresh(given: tuple[Any, ...], writer: int) -> int:
     arguments = [sys.executable, "-c", _FRESH, json.dumps(sys.path), json.dumps(given)]
-    variables = os.environ | {"OPENBLAS_NUM_THREADS": "1"} | SAFE_PATH
+    variables = os.environ | {"OPENBLAS_NUM_THREADS": "1", _SAFE_PATH: "1"}
     streams = [
         (os.POSIX_SPAWN_DUP2, writer, 1),
         (os.POSIX_SPAWN_OPEN, 2, os.devnull, os.O_WRONLY, 0),

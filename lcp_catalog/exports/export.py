@@ -99,7 +99,7 @@ def export(
         points = ExportedPoints.chosen(opened_catalog(catalog), axes, box, level)
         module, function = _WRITERS[ending]
         write = getattr(import_module(f"{__package__}.{module}"), function)
-        write(points, path, **({} if sun_deg is None else {"sun_deg": sun_deg}))
+        write(points, path, *([] if sun_deg is None else [sun_deg]))
     return len(points)
 
 

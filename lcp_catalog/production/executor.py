@@ -25,7 +25,7 @@ from multiprocessing.connection import wait as wait_for_connections
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..child_process import SAFE_PATH, environment
+from ..child_process import safe_path
 from ..errors import ConfigError
 from ..threads import limit_threads
 from .cluster import run_on_cluster
@@ -189,7 +189,7 @@ def children_start() -> Iterator[None]:
     """Processes that start in the block never import from the working folder. They never get Ctrl-C or the
     end of the terminal, which their parent handles (a signal that comes meanwhile: after the block).
     """
-    with environment(**SAFE_PATH):
+    with safe_path():
         if not hasattr(signal, "pthread_sigmask"):  # Windows
             yield
             return
