@@ -26,6 +26,9 @@ from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray, held
 from .schema import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, PACKED, TEXT, Variable, packing
 
+NOT_OPENED = "cannot be opened: "
+"""How the text begins for a file of which nothing is known because the system does not open it."""
+
 _TEXT_BYTES = 64
 """Bytes that a text is taken to need in memory."""
 
@@ -75,21 +78,22 @@ class StoredFile:
         try:
             file = h5py.File(self.path, "r")
         except HDF5_ERRORS as error:
-            if isinstance(error, PermissionError):
-                raise CatalogError(f"{self.path}: no permission to read it") from error
+            if isinstance(error, OSError) and error.errno:
+                text = f"{self.path}: {NOT_OPENED}{os.strerror(error.errno)}"
+                raise CatalogError(text) from error
             text = f"{self.path}: not an HDF5 file, or cut short: {line_of(error)}"
             raise CatalogError(text) from error
-        with file:
-            try:
+        try:
+            with file:  # closing fails if the disk does
                 if file_state(os.fstat(file.id.get_vfd_handle())) != self.stamp:
                     raise CatalogError("was changed since it was opened; open it again")
                 yield file
-            except CatalogError as error:
-                raise CatalogError(
-                    f"{self.path}: {str(error).removeprefix(f'{self.path}: ')}"
-                ) from error
-            except HDF5_ERRORS as error:
-                raise CatalogError(f"{self.path}: is damaged: {line_of(error)}") from error
+        except CatalogError as error:
+            raise CatalogError(
+                f"{self.path}: {str(error).removeprefix(f'{self.path}: ')}"
+            ) from error
+        except HDF5_ERRORS as error:
+            raise CatalogError(f"{self.path}: is damaged: {line_of(error)}") from error
 
 
 # -- parts of an open file

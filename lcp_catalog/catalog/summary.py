@@ -19,7 +19,7 @@ from ..plots.numbers import number
 from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
-from .stored import StoredFile, stored_catalog
+from .stored import NOT_OPENED, StoredFile, stored_catalog
 from .verification import apart, problems_of
 
 
@@ -100,16 +100,19 @@ def describe(path: Path | str) -> dict[str, Any]:
     """Contents and integrity of a catalogue file as plain values; None for those that cannot be
     read.
 
-    Never raises for a bad file: ``intact`` is then false and ``problems`` lists the reasons.
-    ``usable_share`` is the share of all evaluated conditions (points x views x Suns) that are
-    usable; ``bounds`` are those of the points, with west above east if they cross the prime
-    meridian.
+    For a bad file ``intact`` is false and ``problems`` lists the reasons; CatalogError for one that is not there,
+    no plain file, or not opened by the system: nothing is known of it. ``usable_share`` is the share of all
+    evaluated conditions (points x views x Suns) that are usable; ``bounds`` are those of the points, with west
+    above east if they cross the prime meridian.
     """
     names = ("points", "usable_share", "intact", "problems", "schema_version", "sources", "bounds")
+    stored = StoredFile.of(path)
     try:
-        problems, found = apart(StoredFile.of(path), _described)
+        problems, found = apart(stored, _described)
     except CatalogError as error:
         problems, found = [str(error).removeprefix(f"{path}: ")], {}
+    if problems and problems[0].startswith(NOT_OPENED):
+        raise CatalogError(f"{path}: {problems[0]}")
     return {**dict.fromkeys(names), "intact": not problems, "problems": problems, **found}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -235,6 +236,31 @@ def test_a_file_that_changes_after_it_was_opened_is_refused(copy: Path) -> None:
     write_catalog(catalogs.catalog(2), copy, overwrite=True)
     with pytest.raises(CatalogError, match="was changed since it was opened"):
         _ = found.latitude
+
+
+@pytest.mark.parametrize("what", ["open", "close"])
+def test_a_system_that_fails_is_one_line(
+    what: str, copy: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A file that is not opened is not called damaged: nothing is known of it."""
+
+    def no_more(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Unable to synchronously open file (Too many open files)")
+
+    def fails(file: h5py.File) -> None:
+        closed(file)
+        raise RuntimeError("Can't decrement id ref count (unable to close file)")
+
+    closed = h5py.File.close
+    if what == "open":
+        monkeypatch.setattr(h5py, "File", no_more)
+    else:
+        monkeypatch.setattr(h5py.File, "close", fails)
+    says = "cannot be opened: Too many open files" if what == "open" else "damaged: Can't decrement"
+    with pytest.raises(CatalogError, match=rf"copy\.h5: .*{says}"):
+        open_catalog(copy)
+    assert run(["inspect", str(copy)]) == {"open": 1, "close": 4}[what]
+    assert "NOT INTACT" not in capfd.readouterr().err
 
 
 def test_inspect_needs_no_numbers_of_its_own_to_survive(copy: Path) -> None:
