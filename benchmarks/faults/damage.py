@@ -1,11 +1,12 @@
 """Damaged catalogues: whether `lcp inspect` notices every change of what is read, survives, and stays
 within its memory and time.
 
-    python -m benchmarks.faults damage [--flips 1000] [--ranges 1000] [--seed 1]
+    python -m benchmarks.faults damage [--flips 1000] [--ranges 1000] [--indices 312] [--seed 1]
 
 Damages copies of a small catalogue with claims, levels of maps and promises at random: so many times one bit, and a range of
 bytes (cleared, replaced, copied from elsewhere, erased pages, cut files); and as often the checkpoint of
-a finished area, which a build must then compute again. Prints survived / tried.
+a finished area, which a build must then compute again. Bits near indices of chunks, and each edit by h5py, are tried in
+every use (`tests/helpers/catalog_uses.py`). Prints survived / tried.
 `docs/explanation/reliability.md` holds the figures.
 """
 
@@ -22,13 +23,14 @@ import numpy as np
 
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.production.checkpoints import Checkpoints
-from tests.helpers import catalogs, damaged_catalogs, finished_areas
+from tests.helpers import catalog_uses, catalogs, damaged_catalogs, finished_areas
 
 
 def main(words: Sequence[str]) -> int:
     parser = argparse.ArgumentParser("python -m benchmarks.faults damage", description=__doc__)
     parser.add_argument("--flips", type=int, default=1000, help="copies with one wrong bit")
     parser.add_argument("--ranges", type=int, default=1000, help="copies with other damage")
+    parser.add_argument("--indices", type=int, default=312, help="bits near indices of chunks")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args(words)
     kinds = (
@@ -45,6 +47,10 @@ def main(words: Sequence[str]) -> int:
                 if found["tried"] % 100 == 0 or found["tried"] == count:
                     _print(name, found, time.monotonic() - start)
                 good = good and found["noticed"] + found["harmless"] == found["tried"]
+    with tempfile.TemporaryDirectory() as folder:
+        for found in catalog_uses.tried(Path(folder), given.indices, [*catalog_uses.USES]):
+            if found["tried"] % 900 == 0:
+                print("uses of edited and turned files:", dict(found), flush=True)
     for name, damages, count in kinds:
         noticed = _damaged_checkpoints(damages, given.seed, count)
         print(f"checkpoints, {name}: noticed {noticed} / tried {count}")

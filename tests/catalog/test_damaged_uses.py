@@ -4,24 +4,18 @@ edits and many more bits.
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from helpers import catalog_uses, catalogs, damaged_catalogs, merges
+from helpers import catalog_uses, damaged_catalogs
 
-from lcp_catalog.catalog.writing import write_catalog
+from lcp_catalog.catalog import verification
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("uses") / "whole.h5"
-    write_catalog(replace(catalogs.full(3), config=merges.config(2.1, 4.9)), path)
-    return path
+    return catalog_uses.written(tmp_path_factory.mktemp("uses"))
 
 
 @pytest.fixture(scope="module")
@@ -34,27 +28,22 @@ def test_the_whole_file_is_taken_by_every_use(sound: dict[str, Any]) -> None:
     assert len({str(found) for found in sound.values()}) == len(sound)
 
 
-def damaged(whole: Path) -> Iterator[Path]:
-    """Edits of which the checks of values find none, and a bit near an index of chunks."""
-    path, edits = whole.with_name("damaged.h5"), damaged_catalogs.edits(whole)
+SILENT = (("point_id", "rows exchanged"), ("dem", "mirrored"))
+"""Edits of which the checks of values find none."""
+
+
+def test_a_damaged_file_is_refused_or_gives_the_same(
+    whole: Path, sound: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read as a large file is, whose chunks some uses check when they need them."""
+    monkeypatch.setattr(verification, "_WHOLE_BYTES", 0)
+    edits, refused = damaged_catalogs.edits(whole), dict.fromkeys(sound, 0)
     assert len(edits) >= 193
-    for name, change in (("point_id", "rows exchanged"), ("dem", "mirrored")):
-        assert (name, change) in edits
-        shutil.copy(whole, path)
-        damaged_catalogs.edit(path, name, change)
-        yield path
-    turned = bytearray(whole.read_bytes())
-    damaged_catalogs.flip_index(turned, np.random.default_rng(5))
-    path.write_bytes(turned)
-    yield path
-
-
-def test_a_damaged_file_is_refused_or_gives_the_same(whole: Path, sound: dict[str, Any]) -> None:
-    refused = dict.fromkeys(sound, 0)
-    for path in damaged(whole):
+    assert {*SILENT} < {*edits}
+    for what, path in catalog_uses.damaged(whole, 1, SILENT):
         for use, expected in sound.items():
             found = catalog_uses.outcome(use, path, whole.parent)
-            assert not catalog_uses.taken(use, expected, found), (use, path)
+            assert not catalog_uses.taken(use, expected, found), (use, what)
             if isinstance(found, str):
                 refused[use] += 1
                 assert path.name in found

@@ -4,7 +4,10 @@ reader joins `USES`; `benchmarks/faults/damage.py` and `tests/catalog/test_damag
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +16,14 @@ import numpy as np
 import lcp_catalog as lcp
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.view import looking_camera
-from lcp_catalog.catalog import catalogue
+from lcp_catalog.catalog import catalogue, verification
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.matching.templates import render_patches
 from lcp_catalog.navigation.documents import document
 
-from . import catalogs
+from . import catalogs, damaged_catalogs, merges
 
 SUN = (90.0, 20.0)
 
@@ -104,3 +108,44 @@ def taken(use: str, sound: Any, found: Any) -> bool:
     except AssertionError:
         return True
     return False
+
+
+def written(folder: Path) -> Path:
+    """A catalogue with all groups, which can be merged, in a folder."""
+    path = folder / "whole.h5"
+    write_catalog(replace(catalogs.full(3), config=merges.config(2.1, 4.9)), path)
+    return path
+
+
+def damaged(
+    whole: Path, flips: int, some: Sequence[tuple[str, str]] = ()
+) -> Iterator[tuple[str, Path]]:
+    """Copies of a file with each of `damaged_catalogs.edits` (or ``some`` of them), and with so many bits turned near
+    indices of chunks.
+    """
+    path, rng = whole.with_name("damaged.h5"), np.random.default_rng(1)
+    for name, change in some or damaged_catalogs.edits(whole):
+        shutil.copy(whole, path)
+        damaged_catalogs.edit(path, name, change)
+        yield f"{name}: {change}", path
+    for number in range(flips):
+        turned = bytearray(whole.read_bytes())
+        damaged_catalogs.flip_index(turned, rng)
+        path.write_bytes(turned)
+        yield f"bit {number}", path
+
+
+def tried(folder: Path, flips: int, uses: Sequence[str]) -> Iterator[Counter[str]]:
+    """Outcomes of some uses of all damaged copies, read as large files are, summed up: ``tried``, ``refused``, ``same``
+    as of the whole file. AssertionError for one that is taken.
+    """
+    verification._WHOLE_BYTES = 0
+    whole = written(folder)
+    sound = {use: outcome(use, whole, folder) for use in uses}
+    found = Counter[str]()
+    for what, path in damaged(whole, flips):
+        for use in uses:
+            got = outcome(use, path, folder)
+            assert not taken(use, sound[use], got), (use, what)
+            found.update({"tried": 1, "refused" if isinstance(got, str) else "same": 1})
+        yield found
