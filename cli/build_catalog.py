@@ -7,21 +7,23 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .build_options import OPTIONS, PartParam, build_options
-from .files import FileCommand
+from .files import FileCommand, InputFile
 from .groups import collected
 from .messages import echo, log_format_option, say
 from .options import dem_argument, depfile_option, output_option, overwrite_option
-from .value_types import POSITIVE
+from .value_types import POSITIVE, Number
 
 if TYPE_CHECKING:
+    from lcp_catalog.production.camera_views import Seen
     from lcp_catalog.production.config import BuildConfig
-    from lcp_catalog.production.run import Build, BuildReport
+    from lcp_catalog.production.run import Build, BuildReport, BuildRun, Progress
 
 EXIT_SOME_FAILED = 3
 JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))
@@ -29,6 +31,95 @@ JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))
 
 _NAMES = 8
 """Greatest number of missing areas that are named for a part."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """What is built: the DEMs, the configuration, the images that it is for, and the memory of a process."""
+
+    dem: tuple[str, ...]
+    config: BuildConfig
+    images: PlannedImages
+    memory_gb: float | None
+
+    @cached_property
+    def build(self) -> Build:
+        """The plan."""
+        from lcp_catalog.production.run import Build
+
+        return Build.plan(self.dem, self.config, self.memory_gb, self.images.seen())
+
+
+@dataclass(frozen=True)
+class PlannedImages:
+    """The images that a catalogue is for, by one of three ways."""
+
+    camera: tuple[str, ...]
+    trajectory: str | None
+    field_of_view_deg: float | None
+    altitude_km: float | None
+
+    def __post_init__(self) -> None:
+        field = self.field_of_view_deg is not None
+        if field != (self.altitude_km is not None):
+            raise click.UsageError("--field-of-view and --altitude go together")
+        if field and (self.camera or self.trajectory):
+            raise click.UsageError(
+                "--field-of-view and --camera or --trajectory exclude each other"
+            )
+        if self.trajectory and len(self.camera) > 1:
+            raise click.UsageError("--trajectory takes one --camera")
+
+    def seen(self) -> Seen | None:
+        """What the images see; None without images."""
+        if not (self.camera or self.trajectory or self.field_of_view_deg):
+            return None
+
+        from lcp_catalog.cameras.camera_file import read_camera, read_sensor
+        from lcp_catalog.navigation.expected_position import read_trajectory
+        from lcp_catalog.production.camera_views import Seen
+
+        if self.field_of_view_deg is not None and self.altitude_km is not None:
+            return Seen.from_above(self.field_of_view_deg, self.altitude_km)
+        if self.trajectory:
+            one = read_camera(self.camera[0]) if self.camera else None
+            return Seen.by(read_trajectory(self.trajectory, one))
+        return Seen.by(map(read_sensor, self.camera))
+
+
+image_options = collected(
+    "images",
+    PlannedImages,
+    click.option(
+        "--camera",
+        type=InputFile(),
+        multiple=True,
+        metavar="CAMERA.json",
+        help="Camera of an image that the catalogue is for; repeat for more. It gives the views and, unless they are "
+        "stated, the Suns (of the camera's Sun or time), the cells, the footprint and the region.",
+    ),
+    click.option(
+        "--trajectory",
+        type=InputFile(),
+        metavar="FILE",
+        help="The same for the frames of a trajectory, as in lcp query; a CSV needs --camera.",
+    ),
+    click.option(
+        "--field-of-view",
+        "field_of_view_deg",
+        type=Number(0.0, 180.0, min_open=True, max_open=True),
+        metavar="DEG",
+        help="The same for a camera that looks straight down anywhere: angle along a side of its square image. It gives "
+        "views and footprint.",
+    ),
+    click.option(
+        "--altitude",
+        "altitude_km",
+        type=POSITIVE,
+        metavar="KM",
+        help="With --field-of-view: altitude of the camera.",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -148,6 +239,7 @@ run_options = collected(
 @dem_argument
 @output_option("CATALOG.h5", required=False)
 @build_options(OPTIONS)
+@image_options
 @run_options
 @click.option(
     "--memory",
@@ -164,6 +256,7 @@ def command(
     dem: tuple[str, ...],
     output: str | None,
     config: BuildConfig,
+    images: PlannedImages,
     run: Run,
     memory_gb: float | None,
     mode: Mode,
@@ -178,25 +271,16 @@ def command(
     """
     if output is None and not mode.plan:
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
+    planned = Planned(dem, config, images, memory_gb)
     if mode.plan or output is None:
-        _print_plan(_planned(dem, config, memory_gb), run, mode.as_json)
+        _print_plan(planned.build, run, mode.as_json)
         return 0
     if mode.list_parts:
-        _print_parts(_planned(dem, config, memory_gb), output, mode.as_json)
+        _print_parts(planned.build, output, mode.as_json)
         return 0
-    if mode.merge:
-        from lcp_catalog.production.run import BuildRun
-
-        report = BuildRun(
-            _planned(dem, config, memory_gb),
-            Path(output),
-            overwrite=run.overwrite,
-            keep_going=run.keep_going,
-        ).merge()
-    elif mode.part is not None:
-        return _run_part(dem, config, memory_gb, output, run, mode.part)
-    else:
-        report = _build(dem, config, memory_gb, output, run)
+    if mode.part is not None:
+        return _run_part(planned, output, run, mode.part)
+    report = _merge(planned, output, run) if mode.merge else _build(planned, output, run)
     if depfile:
         from lcp_catalog.atomic_files import depfile_rule, write_bytes
 
@@ -208,12 +292,6 @@ def command(
         areas=report.areas,
     )
     return _failures(report.failed)
-
-
-def _planned(dem: tuple[str, ...], config: BuildConfig, memory_gb: float | None) -> Build:
-    from lcp_catalog.production.run import Build
-
-    return Build.plan(dem, config, memory_gb)
 
 
 def _failures(failed: dict[str, str]) -> int:
@@ -242,50 +320,41 @@ def _computing(run: Run) -> Iterator[Callable[[int, int], None]]:
         raise
 
 
-def _build(
-    dem: tuple[str, ...], config: BuildConfig, memory_gb: float | None, output: str, run: Run
-) -> BuildReport:
+def _run(
+    planned: Planned, output: str, run: Run, progress: Progress = lambda done, total: None
+) -> BuildRun:
+    """The build as it is carried out."""
+    from lcp_catalog.production.run import BuildRun
+
+    return BuildRun(
+        planned.build,
+        Path(output),
+        jobs=run.workers,
+        scheduler=run.scheduler,
+        resume=run.resume,
+        overwrite=run.overwrite,
+        keep_going=run.keep_going,
+        progress=progress,
+    )
+
+
+def _build(planned: Planned, output: str, run: Run) -> BuildReport:
     with _computing(run) as update:
-        from lcp_catalog.production.run import build_catalog
-
-        return build_catalog(
-            dem,
-            output,
-            config=config,
-            jobs=run.workers,
-            memory_gb=memory_gb,
-            scheduler=run.scheduler,
-            resume=run.resume,
-            overwrite=run.overwrite,
-            keep_going=run.keep_going,
-            progress=update,
-        )
+        return _run(planned, output, run, update).whole()
 
 
-def _run_part(
-    dem: tuple[str, ...],
-    config: BuildConfig,
-    memory_gb: float | None,
-    output: str,
-    run: Run,
-    number: tuple[int, int],
-) -> int:
+def _merge(planned: Planned, output: str, run: Run) -> BuildReport:
+    return _run(planned, output, run).merge()
+
+
+def _run_part(planned: Planned, output: str, run: Run, number: tuple[int, int]) -> int:
     """Compute a part; finished areas are kept with and without ``--resume``."""
     with _computing(run) as update:
-        from lcp_catalog.production.run import BuildPart, BuildRun
+        from lcp_catalog.production.run import BuildPart
 
         part = BuildPart(number[0], number[1])
-        build = _planned(dem, config, memory_gb)
-        failed = BuildRun(
-            build,
-            Path(output),
-            jobs=run.workers,
-            scheduler=run.scheduler,
-            overwrite=run.overwrite,
-            keep_going=run.keep_going,
-            progress=update,
-        ).part(part)
-    areas = len(part.share(build.jobs)) - len(failed)
+        failed = _run(planned, output, run, update).part(part)
+    areas = len(part.share(planned.build.jobs)) - len(failed)
     say(f"{output}.parts: part {part} with {areas} areas is computed", "done", areas=areas)
     return _failures(failed)
 
@@ -315,10 +384,15 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
 
     workers = run.workers
     document = estimate(build, workers, cluster=run.scheduler is not None)
+    share = build.claimed_share
+    if share is not None:
+        document["claimed_share"] = share
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return
     echo(_plan_text(document, workers))
+    if share is not None:
+        echo(f"claims for {100.0 * share:.0f} % of the camera's pixels, by the views")
     if click.get_current_context().find_root().params.get("verbose"):
         for level in document.get("levels", ()):
             echo(

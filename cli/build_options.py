@@ -212,7 +212,7 @@ _view_option: Decorator = click.option(
     multiple=True,
     metavar="OFF:AZ[:KM]",
     help="View: angle from the vertical at the point and azimuth, degrees, and altitude, km (default: infinity). Repeat "
-    "for more views. Default: 0, and 30 degrees from four azimuths.",
+    "for more views. Default: those of --camera, else 0, and 50 degrees from four azimuths.",
 )
 
 

@@ -18,8 +18,12 @@ from ..geometry.ellipses import ellipse_covariance
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
 
-VIEW_REACH_DEG = 10.0
-"""Distance of a view from those of the catalogue up to which the claims of the nearest hold."""
+VIEW_REACH_DEG = 20.0
+"""Distance of a view from those of the catalogue up to which the claims of the nearest hold. In two regions with
+views at 0 and 50 deg, 99 to 100 % of the points claimed usable at 30 deg, between the views, are usable, and
+96 to 100 % at 55 to 70 deg, 5 to 20 deg beyond them (before `BEYOND_MARGIN`); the mean error of the probability is
+0.01 to 0.05 at both.
+"""
 
 LONE_STEP_DEG = 10.0
 """Step of a grid with one Sun elevation or azimuth."""
@@ -114,7 +118,7 @@ def predict(
     and at least half of the weight must be theirs. Probabilities are averaged as logits, ellipses as
     logarithms of their covariance matrices (log-Euclidean mean: Arsigny et al. 2006, SIAM J.
     Matrix Anal. Appl. 29, 328). A pixel below the cell counts as the cell: the image is reduced to
-    it. No claim: Suns more than half a step outside the grid, views more than 10 deg from the
+    it. No claim: Suns more than half a step outside the grid, views more than 20 deg from the
     catalogue's, pixels above the coarsest scale, and a Sun or camera below the horizon.
 
     ``usable``: the mean probability is at least `Catalog.min_detection` by the margins

@@ -56,6 +56,24 @@ class Bounds(NamedTuple):
         along = apart <= self.east - self.west or 360.0 - apart <= other.east - other.west
         return along and self.south <= other.north and other.south <= self.north
 
+    def common(self, limit: Bounds) -> Bounds | None:
+        """The intersection with another box, its longitudes as those of the narrower one; None if it is empty. Of two
+        common parts the wider one.
+        """
+        south, north = max(self.south, limit.south), min(self.north, limit.north)
+        if south >= north:
+            return None
+        if limit.east - limit.west >= 360.0 - 1e-9:
+            return Bounds(self.west, south, self.east, north)
+        if self.east - self.west >= 360.0 - 1e-9:
+            return Bounds(limit.west, south, limit.east, north)
+        shared = []
+        for turn in (-720.0, -360.0, 0.0, 360.0, 720.0):
+            west, east = max(self.west + turn, limit.west), min(self.east + turn, limit.east)
+            if west < east:
+                shared.append((east - west, Bounds(west, south, east, north)))
+        return max(shared)[1] if shared else None
+
 
 def enclosing_arc(west_deg: ArrayLike, east_deg: ArrayLike) -> tuple[float, float]:
     """Ends (west, east >= west), degrees, of the shortest arc of longitudes that contains all given

@@ -154,6 +154,19 @@ def widened(covariance_px2: Array, tolerance_px: ArrayLike) -> Array:
     return np.asarray(covariance_px2 + (tolerance / GATE) ** 2 * np.eye(2))
 
 
+def minimal_set(sensor: Sensor, uncertainty: Uncertainty) -> int:
+    """Number of matches that determine the unknowns of a sensor."""
+    return -(-int((uncertainty.sigmas(sensor) > 0.0).sum()) // 2)
+
+
+def by_chance(covariance_px2: Array, reach_px: Array) -> Array:
+    """p_i (n,): the share of a match's search area, +-``reach_px`` (n,), that its gate covers, by its widened
+    covariance (n, 2, 2).
+    """
+    area = math.pi * GATE**2 * np.sqrt(np.linalg.det(covariance_px2))
+    return np.asarray(area / (2.0 * reach_px + 1.0) ** 2)
+
+
 def independent_share(places_px: Array, width_px: float) -> float:
     """k_eff / k of patches of one width at places (k, 2): 1 if none overlap."""
     if width_px <= 0.0 or not len(places_px):
@@ -191,7 +204,7 @@ class _Table:
     @property
     def minimal(self) -> int:
         """Number of matches that determine the unknowns."""
-        return -(-int((self.uncertainty.sigmas(self.sensor) > 0.0).sum()) // 2)
+        return minimal_set(self.sensor, self.uncertainty)
 
     def agreeing(self, sensor: Sensor, gate: float = GATE) -> Mask:
         """True (n,) for the matches within their gates of where a sensor projects their points."""
@@ -200,8 +213,7 @@ class _Table:
 
     def score(self, agrees: Mask) -> float:
         """log10 of the number of false alarms."""
-        area = math.pi * GATE**2 * np.sqrt(np.linalg.det(self.covariance))
-        chance = area / (2.0 * self.reach + 1.0) ** 2
+        chance = by_chance(self.covariance, self.reach)
         share = independent_share(self.found[agrees], self.width)
         return log10_false_alarms(chance, agrees, self.minimal, share)
 

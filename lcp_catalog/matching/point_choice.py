@@ -280,14 +280,14 @@ def working_image(catalog: Catalog, image: Image, points: ArrayLike) -> Image:
     several levels (`at_one_scale`) the coarsest counts.
     """
     rows = np.asarray(points, dtype=np.int64)
-    return image.reduced(reduction(catalog, image, rows)) if len(rows) else image
+    return image.reduced(reduction(catalog, image.sensor, rows)) if len(rows) else image
 
 
-def reduction(catalog: Catalog, image: Image, rows: Index) -> int:
-    """The whole number of `working_image`, for at least one point."""
+def reduction(catalog: Catalog, sensor: Sensor, rows: Index) -> int:
+    """The whole number by which `working_image` reduces a sensor's image, for at least one point."""
     level = np.asarray(catalog.level)[rows]
     rows = rows[level == level.max()]
-    pixel = float(np.nanmedian(pixel_size_m(image.sensor, catalog.position_mcmf[rows])))
+    pixel = float(np.nanmedian(pixel_size_m(sensor, catalog.position_mcmf[rows])))
     gsd = float(np.median(catalog.gsd[rows]))
     resolution = np.asarray(catalog.dem_resolution, dtype=np.float64)[rows]
     known = np.isfinite(resolution)

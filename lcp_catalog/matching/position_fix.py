@@ -362,7 +362,7 @@ class _FixSearch:
         level = np.asarray(self.catalog.level)[rows]
         for other in set(np.unique(level).tolist()) - self.levels:
             own = level == other
-            factors[own] = reduction(self.catalog, self.image, rows[own])
+            factors[own] = reduction(self.catalog, self.image.sensor, rows[own])
         return factors
 
     def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:

@@ -284,9 +284,17 @@ def perhaps_in_view(
     rows = facing(catalog, sensor, np.flatnonzero(away < farthest))
     if not len(rows):
         return nothing
-    reach = _reach(jacobian(sensor, catalog.position_mcmf[rows]), prior, sigmas)
+    reach = search_reach_px(sensor, catalog.position_mcmf[rows], uncertainty, sigmas)
     kept = (off[rows] <= np.array([width, height]) / 2.0 + reach[:, None]).all(-1)
     return SearchArea(rows[kept], np.zeros((int(kept.sum()), 2)), reach[kept])
+
+
+def search_reach_px(
+    sensor: Sensor, points_mcmf_m: Array, uncertainty: Uncertainty, sigmas: float
+) -> Array:
+    """``sigmas`` times the largest sigma (n,) of where points (n, 3) lie in the image."""
+    prior = np.diag(uncertainty.sigmas(sensor) ** 2)
+    return _reach(jacobian(sensor, points_mcmf_m), prior, sigmas)
 
 
 def narrowed(

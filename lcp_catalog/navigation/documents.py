@@ -40,6 +40,9 @@ FRAME_COLUMNS = (
 )  # fmt: skip
 """One row per frame of a trajectory; figures that the points do not determine are empty."""
 
+NUMBERS_SHOWN = 100
+"""Most numbers of points for which the JSON document states the probability to find as many."""
+
 CRS = "urn:ogc:def:crs:IAU_2015::30100"
 """Longitude and latitude on the Moon's sphere of 1737.4 km, MOON_ME."""
 
@@ -73,6 +76,10 @@ def document(answer: Answer, catalog: Catalog) -> dict[str, Any]:
         "points": _points(answer, catalog),
         "counts": {"listed": len(answer.rows)} | answer.counts,
         "expected_points": round(position.expected_points, 3),
+        "expected_found": round(answer.joint.expected, 3),
+        "probability_at_least": answer.joint.of_numbers(NUMBERS_SHOWN),
+        "needed": answer.joint.needed,
+        "located_probability": round(answer.joint.located, 4),
         "position_covariance_m2": _listed(position.position_covariance_m2),
         "position_sigma_m": position.position_sigma_m,
         "position_sigma_enu_m": _listed(position.sigma_enu_m),
@@ -215,7 +222,8 @@ def result_line(answer: Answer) -> str:
     listed = f", {len(answer.rows)} listed" if len(answer.rows) < answer.usable else ""
     return (
         f"{answer.usable} of {answer.counts['in_view']} points in view usable{listed}"
-        f"{f' ({others})' if others else ''}; {position_text(answer.position)}"
+        f"{f' ({others})' if others else ''}; located with probability {answer.joint.located:.2f}, "
+        f"{position_text(answer.position)}"
     )
 
 

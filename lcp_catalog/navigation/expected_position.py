@@ -39,7 +39,7 @@ import numpy as np
 from ..arrays import Array, Index, Mask
 from ..cameras.frame_camera import Camera, camera_from_json
 from ..cameras.public import CameraOrPath, SensorOrPath, any_sensor, framing_camera
-from ..cameras.sensor import POSE, Sensor, altitude_km, pixel_size_m
+from ..cameras.sensor import POSE, Sensor, Uncertainty, altitude_km, ground_slopes, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog import prediction
 from ..catalog.catalogue import Catalog
@@ -51,8 +51,10 @@ from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import EnuFrame, azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..geometry.rotations import turned
 from ..light.sun_choice import SunChoice, SunStated
+from ..matching.joint_detection import JointDetection, joint_detection
 from ..matching.point_choice import LEAST_SIGMA_PX, points_in_view
 from ..matching.pose import SharedTerrain, covariance_of, jacobian, shadow_shift_m
+from ..matching.position_fix import USUAL
 
 FRAMES_MAX = 100_000
 """Most frames of a trajectory."""
@@ -582,6 +584,7 @@ class Answer:
     counts: dict[str, int]  # points in view, usable, and not usable by cause
     position: ExpectedPosition
     sun_deg: tuple[float, float]  # azimuth and elevation of the Sun below the sensor
+    joint: JointDetection  # of all points in view with a claim
 
     @property
     def sensor_position_m(self) -> Array:
@@ -659,7 +662,28 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         points.counts,
         _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query),
         (float(of_sun), float(above)),
+        _joint(catalog, points, query),
     )
+
+
+def _joint(catalog: Catalog, points: FramePoints, query: Query) -> JointDetection:
+    """How many of the points in view are found together, searched for with the attitude known as stated, else as
+    `locate` takes it.
+    """
+    claims, sensor = points.claims, points.frame.sensor
+    stated = np.isfinite(claims.covariance_m2).all(axis=(1, 2)) & (claims.cause != _EDGE)
+    some = np.flatnonzero(stated & np.isfinite(claims.detection_probability))
+    rows = points.rows[some]
+    slope = ground_slopes(sensor, catalog.position_mcmf[rows], points.rotation[some])
+    covariance = slope @ claims.covariance_m2[some] @ np.swapaxes(slope, -1, -2)
+    attitude = min(query.attitude_sigma_rad, USUAL.attitude_rad)
+    known = Uncertainty(USUAL.position_m, attitude)
+    return joint_detection(
+        catalog, rows, sensor, claims.detection_probability[some], covariance, known
+    )
+
+
+_EDGE = CAUSES.index("edge")
 
 
 def _heights(catalog: Catalog, rows: Index, query: Query) -> Array:

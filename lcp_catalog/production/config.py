@@ -57,7 +57,7 @@ def _check_levels(name: str, cells_m: tuple[float, ...]) -> None:
             coarse > LEVEL_RATIO * fine,
             f"{name}: {fine:g} and {coarse:g} m are too close for two levels: at least a factor of {LEVEL_RATIO:g}",
         )
-        missing = ", ".join(f"{cell:.4g}" for cell in _between(fine, coarse)[1:-1])
+        missing = ", ".join(f"{cell:.4g}" for cell in between(fine, coarse)[1:-1])
         _require(
             coarse <= 1.01 * LEVEL_FACTOR_MAX * fine,
             f"{name}: {fine:g} and {coarse:g} m are more than a factor of {LEVEL_FACTOR_MAX:g} apart; "
@@ -65,7 +65,7 @@ def _check_levels(name: str, cells_m: tuple[float, ...]) -> None:
         )
 
 
-def _between(fine_m: float, coarse_m: float) -> tuple[float, ...]:
+def between(fine_m: float, coarse_m: float) -> tuple[float, ...]:
     """Both cell sizes and those between them in equal ratios of at most `LEVEL_FACTOR_MAX`. ConfigError
     for more than `LEVELS_MAX`.
     """
@@ -177,7 +177,7 @@ class AreaConfig:
             f"`area.altitudes_km` times `area.ifov_rad` are cells of {low:g} to {high:g} m; they must be "
             f"above 0 and at most {GSD_MAX_M:g} m",
         )
-        return _between(low, high) if high > LEVEL_RATIO * low else (high,)
+        return between(low, high) if high > LEVEL_RATIO * low else (high,)
 
     @property
     def region(self) -> Area | None:
@@ -293,7 +293,7 @@ class ViewConfig:
     """
 
     off_nadir_deg: tuple[float, ...] = meant(
-        (0.0, 30.0, 30.0, 30.0, 30.0),
+        (0.0, 50.0, 50.0, 50.0, 50.0),
         "Angle of each view from the vertical at the point, degrees.",
         least=0.0,
         below=90.0,
@@ -415,7 +415,7 @@ class PointConfig:
         most=1.0,
     )
     min_lit_share: float = meant(
-        0.3,
+        0.1,
         "Least share of a patch that is lit, for a place that can be localised.",
         least=0.0,
         most=1.0,

@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 
 from ..atomic_files import check_output
+from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.schema import COVERAGE_STATUS
 from ..catalog.verification import open_catalog
 from ..constants import MOON_RADIUS_M
@@ -47,6 +48,7 @@ from ..terrain.surroundings import most_nodes
 from ..terrain.useful_cell import Cell, warn_of_region
 from .area_job import AreaJob, conditions_at, run_area
 from .assembly import Assembly
+from .camera_views import Seen, for_images
 from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
 from .config import AREA_NODES_MIN, BuildConfig
@@ -249,6 +251,7 @@ class Build:
 
     levels: tuple[Level, ...]
     inputs: InputFiles = field(compare=False)
+    claimed_share: float | None = None  # of the pixels of the images that it is for
 
     @classmethod
     def plan(
@@ -256,9 +259,13 @@ class Build:
         dem_paths: Sequence[Path | str],
         config: BuildConfig,
         memory_gb: float | None = None,
+        seen: Seen | None = None,
     ) -> Build:
         """Cut the region into areas, for each level of a configuration with several. AreaError if the
         region has none, or for a level that no DEM resolves.
+
+        seen: what the images see that the catalogue is for; it gives the views, and what the configuration leaves
+        open (`camera_views.for_images`).
 
         memory_gb: greatest memory of a process that computes areas (GB); areas are made smaller for it,
         which the recipes' ``config`` says (`run.divided`).
@@ -266,6 +273,8 @@ class Build:
         inputs = InputFiles()
         dems = DemSet.open(dem_paths, config.dem.product_order)
         inputs.add(dems.files)
+        if seen is not None:
+            config = for_images(config, seen, dems)
         region = config.area.region or Area.from_bounds(*dems.bounds)
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
@@ -277,7 +286,8 @@ class Build:
             Level.plan(recipe.at_cell(cell.gsd_m), cell, memory_gb, k if len(chosen) > 1 else None)
             for k, cell in enumerate(chosen)
         )
-        build = cls(levels, inputs)
+        share = None if seen is None else seen.claimed_share(config.view)
+        build = cls(levels, inputs, share)
         _require_sunlight([job.task for job in build.jobs], config)
         return build
 
@@ -561,6 +571,7 @@ def planned_build(
     size_km: float | None = None,
     bounds_deg: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
+    cameras: Sequence[SensorOrPath] = (),
     memory_gb: float | None = None,
 ) -> Build:
     """The plan of a build; parameters as `build_catalog`."""
@@ -575,7 +586,8 @@ def planned_build(
         "dem.product_order": (isinstance(dem, DemSet) and dem.order) or None,
     }
     config = config.replaced({name: value for name, value in given.items() if value is not None})
-    return Build.plan(dem_paths(dem), config, memory_gb)
+    seen = Seen.by(map(any_sensor, cameras)) if cameras else None
+    return Build.plan(dem_paths(dem), config, memory_gb, seen)
 
 
 def build_catalog(
@@ -587,6 +599,7 @@ def build_catalog(
     size_km: float | None = None,
     bounds_deg: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
+    cameras: Sequence[SensorOrPath] = (),
     jobs: int = 1,
     memory_gb: float | None = None,
     scheduler: str | None = None,
@@ -616,6 +629,9 @@ def build_catalog(
         Or its west, south, east, north, degrees.
     gsd_m:
         Cell size, in place of the configuration's; None: by the DEM's effective resolution.
+    cameras:
+        Cameras or other sensors, or their files, of images that the catalogue is for. They give its views, and where the
+        configuration leaves them open its Suns, cells, footprint and region.
     jobs:
         Areas computed at the same time, each in a process; the result does not depend on it.
     memory_gb:
@@ -639,8 +655,9 @@ def build_catalog(
 
     Raises
     ------
-    AreaError, ConfigError, SunError
-        For a region without cells, too little memory, a Sun that reaches no configured direction.
+    AreaError, CameraError, ConfigError, SunError
+        For cameras that see nothing of the DEM, a region without cells, too little memory, a Sun that
+        reaches no configured direction.
     AreaFailedError
         If an area fails.
     OutputExistsError, OutputError
@@ -667,6 +684,7 @@ def build_catalog(
         size_km=size_km,
         bounds_deg=bounds_deg,
         gsd_m=gsd_m,
+        cameras=cameras,
         memory_gb=memory_gb,
     )
     return BuildRun(

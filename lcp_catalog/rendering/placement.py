@@ -173,7 +173,7 @@ def _place_in_view(request: Request, area: AreaInView, dems: DemSet | None) -> t
 def _seen_area(request: Request, looks: Sensor, dems: DemSet | None) -> Area:
     """The footprint of a camera, as far as the DEM covers it."""
     seen = footprint(looks)
-    box = _clipped(seen, dems.bounds) if dems is not None else seen
+    box = seen.common(dems.bounds) if dems is not None else seen
     if box is None:
         assert dems is not None
         raise AreaError(f"{looks.name}: the camera sees {seen}; the DEM covers {dems.bounds}")
@@ -192,23 +192,6 @@ def _box_area(box: Bounds, request: Request) -> Area:
     raise AreaError(
         f"{box} does not fit into one plane: state `center_deg` and `size_km`, or `bounds_deg`{wider}"
     )
-
-
-def _clipped(box: Bounds, limit: Bounds) -> Bounds | None:
-    """The intersection of two boxes; None if it is empty."""
-    south, north = max(box.south, limit.south), min(box.north, limit.north)
-    if south >= north:
-        return None
-    if limit.east - limit.west >= 360.0 - 1e-9:
-        return Bounds(box.west, south, box.east, north)
-    if box.east - box.west >= 360.0 - 1e-9:
-        return Bounds(limit.west, south, limit.east, north)
-    shared = []
-    for turn in (-720.0, -360.0, 0.0, 360.0, 720.0):
-        west, east = max(box.west + turn, limit.west), min(box.east + turn, limit.east)
-        if west < east:
-            shared.append((east - west, Bounds(west, south, east, north)))
-    return max(shared)[1] if shared else None
 
 
 def axis_place(sensor: Sensor, dems: DemSet | None) -> tuple[float, float]:

@@ -30,6 +30,7 @@ from ..cameras.sensor import Sensor, ground_errors_m, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..catalog.origins import origins
 from ..catalog.patch_terrain import nodes_mcmf
+from ..catalog.prediction import CAUSES
 from ..geometry.ellipses import ellipse_covariance
 from ..images.image import Image
 from ..matching.matches import CODE, Matches
@@ -55,6 +56,8 @@ true one.
 _ON_LIMIT = 1e-5
 """Share of a bin's width by which a packed probability on a limit may lie below it."""
 
+_UNKNOWN = CAUSES.index("not evaluated")
+
 Z95 = 1.959964
 """Quantile 0.975 of the normal distribution."""
 
@@ -75,6 +78,9 @@ class Claims:
     found: Mask  # (n,) found at the true place; False without a trial
     error_m: Array  # (n, 2) east, north; NaN: not measured
     reason: str = ""  # for which there are no trials; empty with trials
+    cause: Index | None = (
+        None  # (n,) numbers in `prediction.CAUSES`, of points without a claim; None: not kept
+    )
 
     @classmethod
     def none(cls, count: int = 0, reason: str = "") -> Claims:
@@ -90,6 +96,7 @@ class Claims:
             return cls.none(reason="no image was searched")
         tried = np.concatenate([part.tried for part in parts])
         reasons = dict.fromkeys(part.reason for part in parts if part.reason)
+        causes = [np.full(len(p), _UNKNOWN) if p.cause is None else p.cause for p in parts]
         return cls(
             np.concatenate([part.probability for part in parts]),
             np.concatenate([part.usable for part in parts]),
@@ -99,6 +106,7 @@ class Claims:
             np.concatenate([part.found for part in parts]),
             np.concatenate([part.error_m for part in parts]),
             "" if tried.any() else "; ".join(reasons),
+            np.concatenate(causes),
         )
 
     def __len__(self) -> int:
@@ -108,6 +116,13 @@ class Claims:
     def claimed(self) -> Mask:
         """True (n,) for points with a claim."""
         return np.isfinite(self.probability)
+
+    @property
+    def unclaimed_by_cause(self) -> dict[str, int]:
+        """Numbers of points without a claim by the cause, of those that occur."""
+        causes = np.full(len(self), _UNKNOWN) if self.cause is None else self.cause
+        counts = np.bincount(causes[~self.claimed], minlength=len(CAUSES)).tolist()
+        return {name: count for name, count in zip(CAUSES, counts, strict=True) if count}
 
     @property
     def covariance_m2(self) -> Array:
@@ -145,7 +160,8 @@ class Bin:
 class Scores:
     """Scores of claims; NaN for what was not measured.
 
-    ``count``: trials with a claim. ``unclaimed``: points without a claim, left out of all scores.
+    ``count``: trials with a claim. ``unclaimed``: points without a claim, left out of all scores;
+    ``unclaimed_by_cause``: the same by the causes of `catalog.prediction.CAUSES`.
     ``brier``: mean of (p - found)^2; ``brier_of_the_mean``: the same for the observed share as a
     constant prediction. ``expected_calibration_error``: mean of abs(predicted - observed) of the
     bins, weighted by their counts. ``normalised_squared_error``: mean of e^T Cov^-1 e / 2 of the
@@ -156,6 +172,7 @@ class Scores:
 
     count: int
     unclaimed: int
+    unclaimed_by_cause: dict[str, int]
     usable: int
     found: int
     brier: float
@@ -188,6 +205,7 @@ def score(claims: Claims) -> Scores:
     return Scores(
         count=int(use.sum()),
         unclaimed=int((~claims.claimed).sum()),
+        unclaimed_by_cause=claims.unclaimed_by_cause,
         usable=int(usable.sum()),
         found=int(found.sum()),
         brier=_mean((p - found) ** 2),
@@ -309,6 +327,7 @@ class ClaimSearch:
             usable=np.asarray(stated.usable, bool),
             sigma_m=sigma.astype(np.float64),
             angle_deg=np.asarray(stated.sigma_angle_deg, np.float64),
+            cause=stated.cause,
         )
 
     def _shown(self, working: Image, rows: Index) -> Mask:

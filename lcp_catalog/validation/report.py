@@ -20,6 +20,7 @@ from ..matching.matches import MEANINGS, REASONS
 from ..matching.pose import PositionError
 from ..matching.position_fix import BY_ALL_POINTS, LOCATED
 from ..matching.sun_check import SunCheck
+from ..navigation.documents import MEANINGS as WORDS
 from ..plots.axes import Axes, Axis
 from ..plots.numbers import number, page
 from ..plots.pictures import data_uri, grey, shrunk
@@ -231,11 +232,19 @@ def _mark(axes: Axes, b: Bin) -> Markup:
     )
 
 
+def unclaimed_text(scores: Scores) -> str:
+    """How many points have no claim, and why."""
+    if not scores.unclaimed:
+        return "Every point in view has a claim."
+    causes = (f"{WORDS[cause]} {count}" for cause, count in scores.unclaimed_by_cause.items())
+    return f"Points in view without a claim, left out: {scores.unclaimed} ({', '.join(causes)})."
+
+
 def _caption(scores: Scores) -> list[str]:
     """Sentences below the diagram."""
     sentences = [
-        f"Trials: {scores.count} searches for points in view, each within the catalogue's search radius. Number of points "
-        f"without a claim for the image's Sun, view and scale, left out: {scores.unclaimed}.",
+        f"Trials: {scores.count} searches for points in view, each within the catalogue's search radius. "
+        f"{unclaimed_text(scores)}",
         f"Found: a match within {GATE_SIGMAS:g} claimed sigmas, or {GATE_PX:g} pixels, of the place that the corrected "
         "camera predicts.",
         "Vertical bars: 95 % confidence intervals of the share found (Wilson). Broken line: exact agreement. Mean distance "

@@ -87,6 +87,57 @@ def test_plan_writes_nothing_and_speaks_json(
     assert [p.name for p in tmp_path.iterdir()] == ["build.toml"]
 
 
+CAMERA = str(Path(DEM).parent / "AS15-M-0414_camera.json")
+
+
+def test_a_camera_gives_views_suns_and_region(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What the file and the options state stays; the plan says how many of the camera's pixels get claims."""
+    small = ["build-catalog", DEM, "--center", "3.5", "26", "--size", "12", "--plan", "--json"]
+    assert run([*small, "--camera", CAMERA]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["views"], document["suns"]) == (5, 6)  # at 10, 15, 20 deg from 90 and 105 deg
+    assert document["claimed_share"] == 1.0
+    assert run([*small, "--config", config, "--camera", CAMERA]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["views"], document["suns"]) == (
+        5,
+        4,
+    )  # those of the file, of which two never occur
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--field-of-view", "40"], "go together"),
+        (["--altitude", "40"], "go together"),
+        (["--field-of-view", "40", "--altitude", "100", "--camera", CAMERA], "exclude each other"),
+        (["--trajectory", CAMERA, "--camera", CAMERA, "--camera", CAMERA], "takes one --camera"),
+    ],
+)
+def test_images_of_several_kinds(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["build-catalog", DEM, "--plan", *words]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_camera_that_sees_other_ground(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = json.loads(Path(CAMERA).read_text())
+    other["position_mcmf_m"] = [-v for v in other["position_mcmf_m"]]
+    other["rotation_mcmf_to_camera"] = [
+        [-v for v in row] for row in other["rotation_mcmf_to_camera"]
+    ]
+    other["rotation_mcmf_to_camera"][0] = [-v for v in other["rotation_mcmf_to_camera"][0]]
+    path = tmp_path / "other.json"
+    path.write_text(json.dumps(other))
+    assert run(["build-catalog", DEM, "--plan", "--camera", str(path)]) == 1
+    assert "the camera sees longitude" in capsys.readouterr().err
+
+
 def test_plan_is_three_lines(
     tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,7 +79,11 @@ def ground_covariance(major: float, minor: float, angle_deg: float) -> np.ndarra
 
 
 def test_the_points_are_those_of_a_loop_over_all(catalog: Catalog, taken: Camera) -> None:
-    """Pixels by OpenCV, and claims asked for one point alone."""
+    """Pixels by OpenCV, and claims asked for one point alone; views from the east, which points seen from the
+    west are too far from.
+    """
+    east = {"view_off_nadir": np.array([15.0, 20.0, 25.0]), "view_azimuth": np.full(3, 90.0)}
+    catalog = replace(catalog, **east)
     answer = asked(catalog, taken)
     pixels = by_opencv(taken, catalog.position_mcmf, np.zeros(6))
     height, width = taken.shape

@@ -125,12 +125,29 @@ def test_perfect_and_worst_claims() -> None:
     assert constant.expected_calibration_error == 0.0
 
 
+COUNTED = ("count", "unclaimed", "unclaimed_by_cause", "usable", "found", "errors")
+
+
+def test_unclaimed_points_are_counted_by_cause() -> None:
+    """Also of several images together; points with a claim have no cause that counts."""
+    few = replace(
+        Claims.none(4),
+        probability=np.array([np.nan, 0.5, np.nan, np.nan]),
+        cause=np.array([2, 7, 2, 1]),
+    )
+    assert score(few).unclaimed_by_cause == {"sun": 1, "view": 2}
+    both = score(Claims.pooled([few, few, Claims.none(1)]))
+    assert both.unclaimed_by_cause == {"sun": 2, "view": 4, "not evaluated": 1}
+    assert sum(both.unclaimed_by_cause.values()) == both.unclaimed
+
+
 def test_what_was_not_measured_is_nan_and_null() -> None:
     nothing = score(Claims.none(5, "no camera"))
     figures = nothing.figures()
     assert (nothing.count, nothing.unclaimed, nothing.errors) == (0, 5, 0)
+    assert nothing.unclaimed_by_cause == {"not evaluated": 5}
     for name, value in figures.items():
-        if name not in ("count", "unclaimed", "usable", "found", "errors", "reliability", "reason"):
+        if name not in (*COUNTED, "reliability", "reason"):
             assert math.isnan(value), name
     assert figures["reason"] == "no camera"
     assert [row[2] for row in figures["reliability"]] == [0] * BINS

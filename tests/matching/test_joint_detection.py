@@ -1,0 +1,116 @@
+"""Joint detection of the points of a frame: against all outcomes and an adaptive integral, and against the agreement
+that `locate` asks for.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.navigable import everywhere_usable
+from helpers.posed import camera
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.matching.consensus import agree
+from lcp_catalog.matching.joint_detection import JointDetection, at_least_found, joint_detection
+from lcp_catalog.matching.position_fix import USUAL, Options
+from lcp_catalog.navigation.documents import document
+from lcp_catalog.navigation.expected_position import PlannedImage, Query, answers
+
+CLAIMS = np.array([0.97, 0.9, 0.75, 0.4, 0.12, 0.02])
+
+
+def by_outcomes(p: np.ndarray, least: int, common: float) -> float:
+    """P(at least so many) by all outcomes, integrated over the common factor."""
+
+    def given(u: float) -> float:
+        chance = norm.cdf((norm.ppf(p) + math.sqrt(common) * u) / math.sqrt(1.0 - common))
+        total = 0.0
+        for outcome in itertools.product((0, 1), repeat=len(p)):
+            hit = np.array(outcome, bool)
+            if hit.sum() >= least:
+                total += float(np.prod(np.where(hit, chance, 1.0 - chance)))
+        return total * float(norm.pdf(u))
+
+    return float(quad(given, -8.0, 8.0, epsabs=1e-10)[0])
+
+
+@pytest.mark.parametrize("common", [0.0, 0.1, 0.3])
+def test_it_is_the_sum_over_all_outcomes(common: float) -> None:
+    found = at_least_found(CLAIMS, common)
+    expected = [by_outcomes(CLAIMS, k, common) for k in range(len(CLAIMS) + 1)]
+    np.testing.assert_allclose(found, expected, atol=2e-4 if common > 0.1 else 2e-6)
+
+
+def test_the_mean_number_is_the_sum_of_the_claims() -> None:
+    assert at_least_found(CLAIMS)[1:].sum() == pytest.approx(CLAIMS.sum(), abs=1e-6)
+
+
+def test_common_failures_make_all_and_none_likelier() -> None:
+    p = np.full(20, 0.7)
+    alone, together = at_least_found(p, 0.0), at_least_found(p, 0.2)
+    assert together[20] > 2.0 * alone[20]
+    assert 1.0 - together[8] > 5.0 * (1.0 - alone[8])
+
+
+def test_no_points() -> None:
+    assert at_least_found([]).tolist() == [1.0]
+    assert JointDetection(0.0, at_least_found([]), 1).located == 0.0
+
+
+def test_a_claim_that_is_no_number_is_refused() -> None:
+    with pytest.raises(ValueError, match="not a number"):
+        at_least_found([0.5, math.nan])
+
+
+def test_so_many_matches_are_accepted_and_one_less_is_not() -> None:
+    """`needed` is the rule of `consensus.agree`: that many right matches among wrong ones are significant."""
+    catalog = everywhere_usable()
+    taken = camera()
+    image = PlannedImage.lit(taken, SunChoice(100.0, 17.0))
+    (answer,) = answers(catalog, [image], Query())
+    rows, options = answer.rows, Options()
+    assert len(rows) >= 12
+    covariance = np.tile(0.04 * np.eye(2), (len(rows), 1, 1))
+    joint = joint_detection(catalog, rows, taken, answer.probability, covariance)
+    places = catalog.position_mcmf[rows]
+    true = taken.project(places)
+    dice = np.random.default_rng(3)
+    significant = {}
+    for count in (joint.needed - 1, joint.needed + 1):
+        found = true + dice.uniform(-16.0, 16.0, true.shape)
+        right = np.linspace(0, len(rows) - 1, count).astype(int)
+        found[right] = true[right]
+        result = agree(taken, places, found, covariance, USUAL, options.least_reach_px)
+        significant[count - joint.needed] = result.log10_false_alarms < -6.0
+    assert significant == {-1: False, 1: True}
+
+
+def test_fewer_unknowns_need_fewer_matches() -> None:
+    catalog, taken = everywhere_usable(), camera()
+    (answer,) = answers(catalog, [PlannedImage.lit(taken, SunChoice(100.0, 17.0))], Query())
+    covariance = np.tile(0.04 * np.eye(2), (len(answer.rows), 1, 1))
+    needed = [
+        joint_detection(
+            catalog, answer.rows, taken, answer.probability, covariance, uncertainty
+        ).needed
+        for uncertainty in (USUAL, replace(USUAL, attitude_rad=0.0), Uncertainty(0.0, 0.0))
+    ]
+    assert needed[0] > needed[1] > needed[2]
+
+
+def test_a_query_states_it() -> None:
+    catalog = everywhere_usable()
+    (answer,) = answers(catalog, [PlannedImage.lit(camera(), SunChoice(100.0, 17.0))], Query())
+    said = document(answer, catalog)
+    assert said["expected_found"] == pytest.approx(answer.joint.expected, abs=1e-3)
+    assert said["located_probability"] == round(answer.joint.at_least[answer.joint.needed], 4)
+    chances = list(said["probability_at_least"].values())
+    assert chances == sorted(chances, reverse=True)
+    assert list(said["probability_at_least"])[:2] == ["1", "2"]
