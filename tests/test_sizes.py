@@ -25,7 +25,7 @@ SIZES = _module()
 
 BUDGETS = {
     "code lines, benchmarks": 4450,
-    "code lines, lcp_catalog": 39900,
+    "code lines, lcp_catalog": 40200,  # 39 900, and 300 for views of images and joint detection
     "code lines, cli": 3560,  # 3500, and 60 for the images that a catalogue is for
     "words of docs": 45000,
     "words of the changelog": 1000,

@@ -222,8 +222,8 @@ def result_line(answer: Answer) -> str:
     listed = f", {len(answer.rows)} listed" if len(answer.rows) < answer.usable else ""
     return (
         f"{answer.usable} of {answer.counts['in_view']} points in view usable{listed}"
-        f"{f' ({others})' if others else ''}; located with probability {answer.joint.located:.2f}, "
-        f"{position_text(answer.position)}"
+        f"{f' ({others})' if others else ''}; {position_text(answer.position)}; "
+        f"located with probability {answer.joint.located:.2f}"
     )
 
 
