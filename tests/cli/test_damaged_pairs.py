@@ -1,0 +1,262 @@
+"""Each command that reads a catalogue or a DEM refuses every damage that `inspect` or `dem check` rejects, in one
+line and without an output. The commands and their inputs are those of `tests/helpers/small_commands.py`; a command
+that is not there fails a test.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import rasterio
+from helpers import catalogs
+from helpers.commands import leaves
+from helpers.damaged import edit
+from helpers.products import cut as cut_text
+from helpers.small_commands import COMMANDS, Words, prepare
+from lcp_cli.main import cli, run
+
+Damage = Callable[[Path], None]
+
+
+def test_every_command_is_in_the_table() -> None:
+    named = {name for name, _ in leaves(cli)}
+    assert named == {
+        name for name in named if any(f"{key} ".startswith(f"{name} ") for key in COMMANDS)
+    }
+    assert all(
+        words.line.startswith(key.partition(" -")[0].partition(" .")[0])
+        for key, words in COMMANDS.items()
+    )
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    prepare(folder)
+    return folder
+
+
+# -- catalogues
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+
+
+def no_hdf5(path: Path) -> None:
+    path.write_bytes(b"not HDF5" + path.read_bytes()[8:])
+
+
+def chunk_bit(path: Path) -> None:
+    """One bit of the heights of a patch."""
+    with h5py.File(path) as file:
+        place = file["dem"].id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 5] ^= 4
+    path.write_bytes(content)
+
+
+def exchanged_chunks(path: Path) -> None:
+    """The stored bytes of one variable's chunk at the place of another's, each with a valid checksum."""
+    with h5py.File(path) as file:
+        own = [file[name].id.get_chunk_info(0) for name in ("longitude", "latitude")]
+    content = bytearray(path.read_bytes())
+    first, second = (slice(one.byte_offset, one.byte_offset + one.size) for one in own)
+    content[first], content[second] = content[second], content[first]
+    path.write_bytes(content)
+
+
+def edited(change: Callable[[Any], None], sign: bool = False) -> Damage:
+    """A change by h5py, which gives it valid checksums; ``sign``: with valid digests, too."""
+
+    def damage(path: Path) -> None:
+        with h5py.File(path, "r+") as file:
+            change(file)
+            if sign:
+                catalogs.sign(file)
+
+    return damage
+
+
+def _exchange(file: Any, name: str, order: Any) -> None:
+    file[name][...] = file[name][()][order]
+
+
+def _attribute(file: Any, name: str, value: str) -> None:
+    file.attrs[name] = value
+
+
+def _set(file: Any, name: str, value: float) -> None:
+    file[name][0] = value
+
+
+def _link(file: Any) -> None:
+    del file["elevation"]
+    file["elevation"] = h5py.ExternalLink("other.h5", "/elevation")
+
+
+def _delete(file: Any, name: str) -> None:
+    del file[name]
+
+
+CATALOG_DAMAGE: dict[str, Damage] = {
+    "cut": cut,
+    "no HDF5": no_hdf5,
+    "a bit of a chunk": chunk_bit,
+    "exchanged chunks": exchanged_chunks,
+    "mirrored patches": edited(lambda file: _exchange(file, "dem", np.s_[:, :, ::-1])),
+    "exchanged ids": edited(lambda file: _exchange(file, "point_id", np.s_[::-1])),
+    "a moved point": edited(lambda file: _set(file, "longitude", 3.50001)),
+    "sigma of nothing": edited(lambda file: _set(file, "elevation_sigma", 0.0)),
+    "a latitude of 95": edited(lambda file: _set(file, "latitude", 95.0), sign=True),
+    "an infinite height": edited(lambda file: _set(file, "elevation", np.inf), sign=True),
+    "another schema": edited(lambda file: _attribute(file, "schema_version", "2.5")),
+    "no configuration": edited(lambda file: _attribute(file, "config", "[points"), sign=True),
+    "an external link": edited(_link),
+    "a variable less": edited(lambda file: _delete(file, "gsd")),
+    "no digests": edited(lambda file: _delete(file, "integrity")),
+    "another digest": edited(lambda file: _attribute(file, "content_sha256", "0" * 64)),
+}
+
+
+def _uses(ending: str) -> list[tuple[str, str]]:
+    """Commands and their inputs with an ending; of the exports, which open a catalogue in one place, two."""
+    found = []
+    for name, words in COMMANDS.items():
+        line = words.line.split()
+        given = [word for before, word in itertools.pairwise(line) if before != "-o"]
+        if (not words.cold and not name.startswith("export")) or name in (
+            "export .gpkg",
+            "export .lmk",
+            "trade",
+        ):
+            found += [(name, word) for word in given if word.endswith(ending)]
+    return found
+
+
+def _refused(line: str, words: Words, capsys: Any) -> str:
+    """What is wrong with a command's answer to a damaged input."""
+    before = set(Path().iterdir())
+    code = run(line.split())
+    out, err = capsys.readouterr()
+    left = set(Path().iterdir()) - before
+    for path in left:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    if words.verdict and code == 4 and "NOT " in out:
+        return ""
+    lines = [one for one in err.splitlines() if "not recognised as a known product" not in one]
+    right = (
+        code == 1 and len(lines) == 1 and lines[0].startswith("lcp: ") and "unexpected" not in err
+    )
+    return "" if right and not out and not left else f"exit {code}, {lines}, {out[:80]!r}, {left}"
+
+
+@functools.cache
+def _damaged(catalog: Path, kind: str) -> bytes:
+    copy = catalog.with_suffix(".damaged")
+    shutil.copy(catalog, copy)
+    CATALOG_DAMAGE[kind](copy)
+    return copy.read_bytes()
+
+
+USES = _uses(".h5")
+
+
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("name", "catalog"), USES)
+def test_a_damaged_catalogue_is_refused(
+    name: str,
+    catalog: str,
+    every: int,
+    inputs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
+) -> None:
+    """The fast test takes every third kind, others for the next command."""
+    monkeypatch.chdir(tmp_path)
+    words = COMMANDS[name]
+    for file, content in words.inputs(inputs).items():
+        Path(file).write_bytes(content)
+    wrong = {}
+    for kind in [*CATALOG_DAMAGE][USES.index((name, catalog)) % every :: every]:
+        Path(catalog).write_bytes(_damaged(inputs / catalog, kind))
+        wrong[kind] = _refused(words.line, words, capsys)
+    assert {kind: text for kind, text in wrong.items() if text} == {}
+
+
+# -- DEMs
+
+
+def heights(change: Callable[[Any], Any]) -> Damage:
+    """Other heights in the GeoTIFF."""
+
+    def damage(path: Path) -> None:
+        with rasterio.open(path, "r+") as file:
+            file.write(change(file.read(1)), 1)
+
+    return damage
+
+
+def text(change: Callable[[str], str]) -> Damage:
+    """Another text of the label."""
+    return lambda path: edit(path, change)
+
+
+def samples(change: Callable[[Any], Any]) -> Damage:
+    """Other samples of the image beside the label."""
+
+    def damage(path: Path) -> None:
+        image = path.with_suffix(".IMG")
+        image.write_bytes(change(np.fromfile(image, "<i2")).tobytes())
+
+    return damage
+
+
+TIF_DAMAGE: dict[str, Damage] = {
+    "cut": cut,
+    "no TIFF": lambda path: path.write_bytes(b"no TIFF!" + path.read_bytes()[8:]) and None,
+    "impossible heights": heights(lambda z: z * 1000.0),
+    "a code for missing data": heights(lambda z: np.where(z > np.percentile(z, 90), -32768.0, z)),
+}
+LABEL_DAMAGE: dict[str, Damage] = {
+    "a short image": samples(lambda z: z[:-100]),
+    "a long image": samples(lambda z: np.append(z, z[:100])),
+    "swapped bytes": samples(lambda z: z.byteswap()),
+    "no image": lambda path: path.with_suffix(".IMG").unlink(),
+    "another maximum": text(lambda label: cut_text(label, MAXIMUM=-4000)),
+    "another latitude": text(lambda label: cut_text(label, MINIMUM_LATITUDE=-80)),
+    "another scale": text(lambda label: cut_text(label, SCALING_FACTOR=1000)),
+}
+
+
+@pytest.mark.parametrize("given", ["dem.tif", "LDEM_64.LBL"])
+@pytest.mark.parametrize("name", sorted({name for name, _ in _uses(".tif")}))
+def test_a_damaged_dem_is_refused(
+    name: str,
+    given: str,
+    inputs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
+) -> None:
+    """Of the GeoTIFF, or of the same heights with a label in its place."""
+    monkeypatch.chdir(tmp_path)
+    words = COMMANDS[name]
+    for file, content in words.inputs(inputs).items():
+        Path(file).write_bytes(content)
+    wrong = {}
+    for kind, damage in (TIF_DAMAGE if given == "dem.tif" else LABEL_DAMAGE).items():
+        for file in ("dem.tif", "LDEM_64.LBL", "LDEM_64.IMG"):
+            shutil.copy(inputs / file, file)
+        damage(Path(given))
+        wrong[kind] = _refused(words.line.replace("dem.tif", given), words, capsys)
+    assert {kind: text for kind, text in wrong.items() if text} == {}
