@@ -89,11 +89,13 @@ def _members(place: h5py.Group, before: str = "") -> Iterator[tuple[str, Any]]:
     """All groups and variables by their paths, the file itself first, whose path is empty."""
     yield before[:-1], place
     for name in sorted(place):
-        member = place[name]
-        if isinstance(member, h5py.Group):
-            yield from _members(member, f"{before}{name}/")
+        member = h5py.h5o.open(
+            place.id, name.encode(errors="surrogateescape")
+        )  # half the time of place[name]
+        if isinstance(member, h5py.h5g.GroupID):
+            yield from _members(h5py.Group(member), f"{before}{name}/")
         else:
-            yield f"{before}{name}", member
+            yield f"{before}{name}", h5py.Dataset(member)
 
 
 def _attributes(place: Any) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -40,8 +41,9 @@ def moved(catalog: Catalog, lon: np.ndarray, lat: np.ndarray) -> Catalog:
     )
 
 
+@cache
 def whole(count: int = 64) -> Catalog:
-    """A catalogue of the region, its points under the ids of their places."""
+    """A catalogue of the region, its points under the ids of their places; made once."""
     found = catalogs.catalog(count)
     return moved(found, found.longitude, found.latitude)
 

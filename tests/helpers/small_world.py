@@ -6,7 +6,7 @@ is tested elsewhere (test_templates, test_independent_frames); here only the sea
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
@@ -63,7 +63,10 @@ class World:
         return z
 
     def catalog(self, step_m: float = 10e3, half_m: float = 40e3, nodes: int = PATCH) -> Catalog:
-        """Points on a square lattice."""
+        """Points on a square lattice; made once for each spacing."""
+        return _on_lattice(self, step_m, half_m, nodes)
+
+    def _lattice(self, step_m: float, half_m: float, nodes: int) -> Catalog:
         axis = np.arange(-half_m, half_m + 1.0, step_m)
         east, north = (a.ravel() for a in np.meshgrid(axis, axis))
         return self._catalog(east, north, nodes)
@@ -112,6 +115,17 @@ class World:
         signal += dice.normal(0.0, noise * np.nanmean(signal), signal.shape)
         weight = np.isfinite(signal).astype(np.float32)
         return Image("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
+
+
+@cache
+def world() -> World:
+    """The first of the terrains, made once for all modules."""
+    return World()
+
+
+@cache
+def _on_lattice(world: World, step_m: float, half_m: float, nodes: int) -> Catalog:
+    return world._lattice(step_m, half_m, nodes)
 
 
 def overhead(

@@ -9,6 +9,7 @@ from functools import cache, lru_cache
 
 import numpy as np
 import pytest
+from helpers import small_world
 from helpers.posed import PlainMap
 from helpers.small_world import LAW, World, mirrored, overhead
 
@@ -41,7 +42,7 @@ WIDE_PX = 128.0
 
 @cache
 def world() -> World:
-    return World()
+    return small_world.world()
 
 
 @cache

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers import small_world
 from helpers.posed import HADLEY
 from helpers.small_world import GSD_M, LAW, World, overhead
 from helpers.twins_match import catalog_of_patches
@@ -112,7 +113,7 @@ def test_a_position_is_solved_from_all_levels_each_at_its_own_scale(
     """Pixels of 190 m: the first search takes the points of 400 m, in pixels twice as large; the second
     those of 800 m besides, in pixels four times as large.
     """
-    world, uncertain = World(), Uncertainty(1000.0, np.radians(0.2))
+    world, uncertain = small_world.world(), Uncertainty(1000.0, np.radians(0.2))
     catalog, camera = two_levels(world), overhead(pixel_m=190.0, size_px=300)
     photo = world.photo(camera)
     given = photo.with_sensor(camera.moved([900.0, -700.0, 500.0, 0.002, -0.003, 0.002]))

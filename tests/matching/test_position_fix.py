@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import small_world
 from helpers.claiming import claiming
 from helpers.posed import PlainMap, spread_px2
 from helpers.small_world import GSD_M, LAW, World, mirrored, overhead
@@ -44,7 +45,7 @@ QUICK = Options(check_sun=False)
 
 @pytest.fixture(scope="module")
 def world() -> World:
-    return World()
+    return small_world.world()
 
 
 @pytest.fixture(scope="module")

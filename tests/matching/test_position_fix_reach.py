@@ -9,8 +9,9 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from helpers import small_world
 from helpers.posed import spread_px2
-from helpers.small_world import LAW, World, overhead
+from helpers.small_world import LAW, overhead
 from helpers.suns import light
 
 from lcp_catalog.cameras.sensor import Uncertainty
@@ -37,14 +38,14 @@ QUICK = Options(check_sun=False)
 @pytest.fixture(scope="module")
 def few() -> Catalog:
     """25 points, 15 km apart, with cells of 400 m."""
-    return World().catalog(step_m=15e3, half_m=30e3)
+    return small_world.world().catalog(step_m=15e3, half_m=30e3)
 
 
 @pytest.fixture(scope="module")
 def image() -> Image:
     """An image that is not noise, with pixels of 200 m."""
     signal = np.random.default_rng(0).normal(size=(200, 200)).cumsum(0).cumsum(1)
-    sun = World().frame.rotation[2]
+    sun = small_world.world().frame.rotation[2]
     weight = np.ones(signal.shape, np.float32)
     camera = overhead(pixel_m=200.0)
     return Image("made", signal.astype(np.float32), weight, camera, sun_direction_mcmf=sun)
@@ -84,7 +85,9 @@ def test_reaches_are_in_the_searched_photographs_pixels(
     monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", fits)
     camera = overhead(pixel_m=200.0, size_px=320)
-    answer = locate(few, World().photo(camera), Uncertainty(200.0), LAW, Options(common_px=0.2))
+    answer = locate(
+        few, small_world.world().photo(camera), Uncertainty(200.0), LAW, Options(common_px=0.2)
+    )
     assert answer.verdict == LOCATED
     assert reaches[0] == [32.0]
     assert all(reach == [12.0] for reach in reaches[1:])

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers import small_world
 from helpers.small_world import HADLEY, World, overhead
 
 from lcp_catalog.cameras.frame_camera import Camera
@@ -34,7 +35,7 @@ def oblique(azimuth_deg: float, off_nadir_deg: float) -> Camera:
 
 @pytest.fixture(scope="module")
 def world() -> World:
-    return World()
+    return small_world.world()
 
 
 @pytest.fixture(scope="module")

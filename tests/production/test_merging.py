@@ -47,8 +47,8 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(merging, "open_catalog", read)
 
 
-def written(folder: Path, inputs: list[Catalog]) -> list[Path]:
-    paths = [folder / f"{chr(97 + k)}.h5" for k in range(len(inputs))]
+def written(folder: Path, inputs: list[Catalog], first: str = "a") -> list[Path]:
+    paths = [folder / f"{chr(ord(first) + k)}.h5" for k in range(len(inputs))]
     for path, catalog in zip(paths, inputs, strict=True):
         write_catalog(catalog, path)
     return paths
@@ -64,10 +64,15 @@ def inputs() -> list[Catalog]:
 
 
 @pytest.fixture(scope="module")
-def merged(inputs: list[Catalog], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("merged")
-    merge_catalogs(written(folder, inputs), folder / "m.h5")
-    return folder / "m.h5"
+def paths(inputs: list[Catalog], tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """``a.h5`` and ``b.h5``, the inputs in files."""
+    return written(tmp_path_factory.mktemp("inputs"), inputs)
+
+
+@pytest.fixture(scope="module")
+def merged(paths: list[Path]) -> Path:
+    merge_catalogs(paths, paths[0].with_name("m.h5"))
+    return paths[0].with_name("m.h5")
 
 
 def test_points_are_those_of_a_greedy_choice(inputs: list[Catalog], merged: Path) -> None:
@@ -224,28 +229,28 @@ def test_heights_of_other_ground_are_not_compared(inputs: list[Catalog], tmp_pat
     merge_catalogs(written(tmp_path, [west, east]), tmp_path / "m.h5")
 
 
-def test_the_order_of_the_inputs_does_not_matter(inputs: list[Catalog], tmp_path: Path) -> None:
+def test_the_order_of_the_inputs_does_not_matter(paths: list[Path], tmp_path: Path) -> None:
     """Nor do repeated inputs, nor the size of the blocks."""
     third = merges.disturbed(merges.part(merges.whole(), 2.6, 4.2), seed=8)
-    paths = written(tmp_path, [*inputs, third])
+    paths = [*paths, *written(tmp_path, [third], "c")]
     for name, order in (("m", paths), ("n", [*paths[::-1], paths[1]])):
         merge_catalogs(order, tmp_path / f"{name}.h5")
     assert (tmp_path / "m.h5").read_bytes() == (tmp_path / "n.h5").read_bytes()
 
 
 def test_small_blocks_give_the_same(
-    inputs: list[Catalog], merged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    paths: list[Path], merged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(merging, "BLOCK_BYTES", 100_000)
-    merge_catalogs(written(tmp_path, inputs), tmp_path / "m.h5")
+    merge_catalogs(paths, tmp_path / "m.h5")
     assert not compare_catalogs(read(tmp_path / "m.h5"), read(merged)).differs
 
 
 def test_a_catalogue_merged_with_itself_has_its_points(
-    inputs: list[Catalog], merged: Path, tmp_path: Path
+    inputs: list[Catalog], paths: list[Path], merged: Path, tmp_path: Path
 ) -> None:
     """A merged one has its maps and its builds, too."""
-    path = written(tmp_path, inputs[:1])[0]
+    path = paths[0]
     spread = sorted(merges.chosen_by_search(inputs[:1], merges.SPACING_M))
     done = merge_catalogs([path, path], tmp_path / "m.h5")
     assert read(tmp_path / "m.h5").point_id.tolist() == spread
@@ -258,14 +263,14 @@ def test_a_catalogue_merged_with_itself_has_its_points(
     assert {name for name in found.maps if name.startswith("coverage")} == set()
 
 
-def test_pairs_first_or_last(inputs: list[Catalog], tmp_path: Path) -> None:
+def test_pairs_first_or_last(paths: list[Path], tmp_path: Path) -> None:
     """Where no point is kept from another by a third one, merges may be nested in any way: here the
     third catalogue lies apart from the conflicts of the first two.
     """
     every = merges.whole()
     far = merges.part(every, 4.4, 4.9)
-    west, middle = inputs[0], merges.disturbed(merges.part(every, 3.2, 4.2), seed=5)
-    a, b, c = written(tmp_path, [west, middle, far])
+    middle = merges.disturbed(merges.part(every, 3.2, 4.2), seed=5)
+    a, (b, c) = paths[0], written(tmp_path, [middle, far], "b")
     merge_catalogs([a, b, c], tmp_path / "abc.h5")
     merge_catalogs([a, b], tmp_path / "ab.h5")
     merge_catalogs([tmp_path / "ab.h5", c], tmp_path / "ab_c.h5")
@@ -276,7 +281,7 @@ def test_pairs_first_or_last(inputs: list[Catalog], tmp_path: Path) -> None:
     assert {name for name in found.maps if name.startswith("coverage")} == set()
 
 
-def test_levels_are_kept_apart(inputs: list[Catalog], tmp_path: Path) -> None:
+def test_levels_are_kept_apart(inputs: list[Catalog], paths: list[Path], tmp_path: Path) -> None:
     """A finer catalogue of the same ground: 0 is the finest, each level has its own spacing, and sigmas
     are rounded to the finer catalogue's step.
     """
@@ -286,7 +291,7 @@ def test_levels_are_kept_apart(inputs: list[Catalog], tmp_path: Path) -> None:
     half = {name: getattr(fine, name) / 4.0 for name in figures}
     text = merges.config(2.1, 3.9, 29.5, spacing)
     fine = replace(fine, **half, config=text, sigma_step_m=None)
-    a, b = written(tmp_path, [coarse, fine])
+    a, (b,) = paths[0], written(tmp_path, [fine], "b")
     done = merge_catalogs([a, b], tmp_path / "m.h5")
     found = read(tmp_path / "m.h5")
     assert verify(tmp_path / "m.h5") == []
@@ -407,13 +412,15 @@ def test_no_sigma_is_cut_off_that_an_input_holds(inputs: list[Catalog], tmp_path
     np.testing.assert_allclose(held[np.isfinite(held)], 5000.0, atol=0.1)
 
 
-def test_nearly_equal_cells_are_one_level(inputs: list[Catalog], tmp_path: Path) -> None:
-    west, east = inputs
+def test_nearly_equal_cells_are_one_level(
+    inputs: list[Catalog], paths: list[Path], tmp_path: Path
+) -> None:
+    east = inputs[1]
     east = replace(
         east, gsd=1.02 * east.gsd, gsd_max=2.0 * east.gsd_max,
         config=merges.config(3.2, 4.9, 1.02 * catalogs.GSD_M),
     )  # fmt: skip
-    done = merge_catalogs(written(tmp_path, [west, east]), tmp_path / "m.h5")
+    done = merge_catalogs([paths[0], *written(tmp_path, [east], "b")], tmp_path / "m.h5")
     assert done.levels_m == ((118.0, 1.02 * 118.0),)
     found = read(tmp_path / "m.h5")
     assert (found.level == 0).all()
@@ -421,20 +428,22 @@ def test_nearly_equal_cells_are_one_level(inputs: list[Catalog], tmp_path: Path)
     assert (away + 1e9 * np.eye(len(found))).min() >= merges.SPACING_M
 
 
-def test_a_catalogue_without_points(inputs: list[Catalog], tmp_path: Path) -> None:
+def test_a_catalogue_without_points(
+    inputs: list[Catalog], paths: list[Path], tmp_path: Path
+) -> None:
     none = inputs[1].take(np.zeros(0, np.int64))
-    merge_catalogs(written(tmp_path, [inputs[0], none]), tmp_path / "m.h5")
+    merge_catalogs([paths[0], *written(tmp_path, [none], "b")], tmp_path / "m.h5")
     assert verify(tmp_path / "m.h5") == []
     found = read(tmp_path / "m.h5")
     assert len(found) == len(merges.chosen_by_search(inputs[:1], merges.SPACING_M))
     assert found.coverage.longitude.max() > 4.5
 
 
-def test_albedo_of_one_input(inputs: list[Catalog], tmp_path: Path) -> None:
+def test_albedo_of_one_input(inputs: list[Catalog], paths: list[Path], tmp_path: Path) -> None:
     """Points of the other have none: they were tested with 1."""
     albedo = np.full(inputs[1].dem.shape, 1.25, np.float32)
     east = replace(inputs[1], albedo=albedo, albedo_map=catalogs.ALBEDO_MAP)
-    merge_catalogs(written(tmp_path, [inputs[0], east]), tmp_path / "m.h5")
+    merge_catalogs([paths[0], *written(tmp_path, [east], "b")], tmp_path / "m.h5")
     assert verify(tmp_path / "m.h5") == []
     found = read(tmp_path / "m.h5")
     known = np.isfinite(found.albedo).all(axis=(1, 2))
