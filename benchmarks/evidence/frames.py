@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from lcp_cli.main import run
@@ -90,14 +91,15 @@ DRAW = Draw(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame: how it was taken, the claims with their trials, the covariance of its position that is stated before
-    (m^2, MCMF, NaN: none), and the error of the solved position (NaN: not located).
+    """One frame: how it was taken, the claims with their trials, what is stated before of its position, the covariance
+    (m^2, MCMF, NaN: none) and the probability that it is located, and the error of the solved position (NaN: not located).
     """
 
     site: str
     shot: Shot
     claims: Claims
     covariance: Array  # (3, 3)
+    chance: float
     error_m: Array  # (3,)
 
     @property
@@ -127,10 +129,15 @@ def _of_site(folder: Path, data: Path, name: str, place: Place, count: int) -> l
         if not path.exists():
             nodes = nodes or read_nodes(dem, *place.center_deg, REACH_M)
             photo = taken(catalog, nodes, place, shot, camera)
-            stated, error = _positioned(catalog, photo, camera, shot.number)
+            stated, chance, error = _positioned(catalog, photo, camera, shot.number)
             claims = arrays(_tried(catalog, photo, camera))
             beside = path.with_suffix(".part.npz")
-            np.savez(beside, shot=json.dumps(asdict(shot)), stated=stated, error=error, **claims)
+            facts: dict[str, Any] = {
+                "shot": json.dumps(asdict(shot)),
+                "stated": stated,
+                "chance": chance,
+            }
+            np.savez(beside, error=error, **facts, **claims)
             beside.rename(path)
             print(path.name, flush=True)
         frames.append(_kept(path, name))
@@ -169,8 +176,12 @@ def _tried(catalog: Catalog, photo: Image, camera: Camera) -> Claims:
     return search.claims(rows, searched=True)
 
 
-def _positioned(catalog: Catalog, photo: Image, camera: Camera, number: int) -> tuple[Array, Array]:
-    """The covariance of the position that is stated before, and the error of the solved one."""
+def _positioned(
+    catalog: Catalog, photo: Image, camera: Camera, number: int
+) -> tuple[Array, float, Array]:
+    """The covariance of the position and the probability to be located that are stated before, and the error of the
+    solved position.
+    """
     query = Query(attitude_sigma_rad=BEFORE.attitude_rad)
     (answer,) = answers(catalog, [PlannedImage.lit(camera, SunChoice())], query)
     stated = answer.position.position_covariance_m2
@@ -185,7 +196,7 @@ def _positioned(catalog: Catalog, photo: Image, camera: Camera, number: int) -> 
     error = np.full(3, np.nan)
     if fix.pose is not None:
         error = fix.pose.position_mcmf_m - camera.position_mcmf_m
-    return np.full((3, 3), np.nan) if stated is None else stated, error
+    return np.full((3, 3), np.nan) if stated is None else stated, answer.joint.located, error
 
 
 def _whole(catalog: Catalog, camera: Camera, rows: Index) -> Mask:
@@ -200,7 +211,9 @@ def _whole(catalog: Catalog, camera: Camera, rows: Index) -> Mask:
 def _kept(path: Path, site: str) -> Frame:
     with np.load(path) as saved:
         shot = Shot(**json.loads(str(saved["shot"])))
-        return Frame(site, shot, kept(saved), saved["stated"], saved["error"])
+        return Frame(
+            site, shot, kept(saved), saved["stated"], float(saved["chance"]), saved["error"]
+        )
 
 
 # -- tables
@@ -229,6 +242,7 @@ def positions_table(groups: dict[str, list[Frame]]) -> str:
         stated = [float(np.sqrt(np.trace(f.covariance))) for f in judged]
         located = sum(bool(np.isfinite(f.error_m).all()) for f in some)
         expected = sum(bool(np.isfinite(f.covariance).all()) for f in some)
+        chance = f"{sum(f.chance for f in some):.1f}"
         cells = ["-"] * 4
         if judged:
             inside = np.mean(squared <= INSIDE_95)
@@ -238,8 +252,16 @@ def positions_table(groups: dict[str, list[Frame]]) -> str:
                 f"{np.median(errors):.0f}",
                 f"{np.median(stated):.0f}",
             ]
-        rows.append([name, len(some), expected, located, *cells])
-    head = ["", "frames", "with a stated position", "located", "squared error / 3", "within 95 %"]
+        rows.append([name, len(some), expected, chance, located, *cells])
+    head = [
+        "",
+        "frames",
+        "with a stated position",
+        "located: stated",
+        "located",
+        "squared error / 3",
+        "within 95 %",
+    ]
     return table([*head, "error, m (median)", "stated, m (median)"], rows)
 
 

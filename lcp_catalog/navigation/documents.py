@@ -34,7 +34,7 @@ POINT_COLUMNS = (
 
 FRAME_COLUMNS = (
     "time_utc", "x_m", "y_m", "z_m", "sun_azimuth_deg", "sun_elevation_deg",
-    "in_view", "usable", "listed", "expected_points", "position_sigma_m",
+    "in_view", "usable", "listed", "expected_points", "located_probability", "position_sigma_m",
     "sigma_east_m", "sigma_north_m", "sigma_up_m", "position_sigma_known_attitude_m", "position_dop",
     "reason",
 )  # fmt: skip
@@ -167,6 +167,7 @@ def _frame_row(answer: Answer) -> tuple[Any, ...]:
         answer.usable,
         len(answer.rows),
         round(position.expected_points, 3),
+        round(answer.joint.located, 4),
         _cell(position.position_sigma_m),
         *(("", "", "") if enu is None else map(_cell, enu.tolist())),
         _cell(position.known_attitude_sigma_m),
@@ -200,7 +201,7 @@ def point_lines(answer: Answer, catalog: Catalog, most: int) -> list[str]:
 
 def frame_lines(answers: Iterable[Answer]) -> Iterator[str]:
     """Table of the frames of a trajectory for a terminal."""
-    yield "time (UTC)                  in view  usable  expected   position m  exact attitude m"
+    yield "time (UTC)                  in view  usable  expected  located   position m  exact attitude m"
     for count, answer in enumerate(answers, 1):
         position = answer.position
         free, known = (
@@ -210,7 +211,7 @@ def frame_lines(answers: Iterable[Answer]) -> Iterator[str]:
         name = answer.frame.time_utc or f"frame {count}"
         yield (
             f"{name:<27} {answer.counts['in_view']:>7} {answer.usable:>7}"
-            f" {position.expected_points:>9.1f} {free:>12} {known:>17}"
+            f" {position.expected_points:>9.1f} {answer.joint.located:>8.2f} {free:>12} {known:>17}"
         )
 
 

@@ -31,6 +31,7 @@ FRAME_NUMBERS = (
     "usable",
     "listed",
     "expected_points",
+    "located_probability",
     "position_sigma_m",
     "sigma_east_m",
     "sigma_north_m",
@@ -157,6 +158,7 @@ def frame_figures(answer: Answer, count: int) -> dict[str, Any]:
         "usable": answer.usable,
         "listed": len(answer.rows),
         "expected_points": position.expected_points,
+        "located_probability": answer.joint.located,
         "position_sigma_m": position.position_sigma_m,
         "sigma_east_m": east,
         "sigma_north_m": north,
@@ -274,6 +276,7 @@ def _frame_row(answer: Answer, count: int) -> dict[str, Any]:
         "name": found["image"],
         "sun": f"{azimuth:.1f}° / {elevation:.1f}°",
         "points": f"{found['usable']} of {found['in_view']}",
+        "located": f"{found['located_probability']:.2f}",
         "budget": [_text(None if budget is None else budget[source]) for source in SOURCES],
         "sigma": _text(found["position_sigma_m"]),
         "axes": ", ".join(
