@@ -33,8 +33,8 @@ check: $(READY) ## lint, format, types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test-slow: $(READY) ## the long tests
-	$(BIN)/python -m pytest -m slow
+test-slow: $(READY) ## the long tests, and those of hypothesis with all their examples
+	LCP_ALL_EXAMPLES=1 $(BIN)/python -m pytest -m 'slow or hypothesis'
 
 docs: $(READY) ## the documentation as a site, build/site/index.html
 	$(INSTALL) --group docs

@@ -161,6 +161,20 @@ def one_thread() -> Iterator[None]:
         yield
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """`make test` draws a third of the examples that a test of hypothesis states, other ones in each run; `make
+    test-slow` draws all.
+    """
+    if os.environ.get("LCP_ALL_EXAMPLES"):
+        return
+    tests = {getattr(one, "__func__", one) for one in (getattr(i, "obj", None) for i in items)}
+    for test in tests:
+        if getattr(test, "is_hypothesis_test", False):
+            stated = test._hypothesis_internal_use_settings
+            fewer = min(stated.max_examples, max(8, stated.max_examples // 3))
+            test._hypothesis_internal_use_settings = settings(stated, max_examples=fewer)
+
+
 def pytest_collection_finish() -> None:
     """Six thousand tests stay to the end: the collector need not look at them again every few seconds."""
     gc.collect()

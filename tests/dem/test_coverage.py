@@ -191,6 +191,7 @@ def test_polar_areas_are_within_the_stated_error(count: int) -> None:
     assert 0.0 < worst <= POLAR_ERROR
 
 
+@pytest.mark.slow
 def test_many_maps_turned_against_each_other() -> None:
     """Maps each with a central meridian of its own, so that every edge crosses many cells."""
     some = []

@@ -49,9 +49,10 @@ class Texture:
         self.amplitude = contrast * np.sqrt(2.0 / waves)
 
     def __call__(self, dx=0.0, dy=0.0, size=P):
-        y, x = np.mgrid[0:size, 0:size].astype(float)
-        at = np.multiply.outer(x + dx, self.k[:, 0]) + np.multiply.outer(y + dy, self.k[:, 1])
-        return 1.0 + self.amplitude * np.cos(at + self.phase).sum(axis=-1)
+        at = np.arange(float(size))[:, None]
+        across = np.exp(1j * ((at + dx) * self.k[:, 0] + self.phase))
+        down = np.exp(1j * (at + dy) * self.k[:, 1])
+        return 1.0 + self.amplitude * (down @ across.T).real
 
 
 def register(texture, images):

@@ -92,11 +92,13 @@ def catalog():
     return catalog_of_dem(lon, lat, 25, 118.45, HADLEY_DEM)
 
 
+@pytest.mark.slow
 def test_the_whole_image_is_seen(photo) -> None:
     assert photo.valid.mean() > 0.99
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_it_is_located_from_a_wrong_position(photo, catalog, seed) -> None:
     known = photo.sensor
     wrong = 1000.0 * np.random.default_rng(seed).normal(size=3)

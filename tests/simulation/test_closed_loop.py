@@ -72,7 +72,7 @@ def show(rows: list[Row]) -> None:
         )
 
 
-@pytest.mark.parametrize("attitude", [False, True])
+@pytest.mark.parametrize("attitude", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_frame_comes_back_to_its_place(site, taken, attitude):
     shot, camera, photo = taken(site, 5)
     row = fly(site, shot, camera, photo, attitude)
