@@ -245,23 +245,26 @@ def _files(ctx: click.Context, kind: str) -> list[tuple[str, Path]]:
 
 
 def raster_files(path: str) -> Iterator[Path]:
-    """Files that are read with a raster: its label or its image, and what GDAL reads with it."""
+    """Files that are read with a raster: its label or its image, sidecar files, and what a VRT names."""
     from lcp_catalog.dem.dem import files_beside  # imports rasterio
 
     yield from files_beside(Path(path))
 
 
 def config_files(path: str) -> Iterator[Path]:
-    """Maps and reflectance model that a BUILD.toml names; none for an invalid file, which is refused when
-    it is read.
+    """Maps and reflectance model that a BUILD.toml names, with what is read with them; none for an invalid
+    file, which is refused when it is read.
     """
     from lcp_catalog.errors import ConfigError
     from lcp_catalog.production.config import BuildConfig
 
     try:
-        yield from BuildConfig.from_toml(Path(path)).files
+        named = BuildConfig.from_toml(Path(path)).files
     except ConfigError:
         return
+    for file in named:
+        yield file
+        yield from raster_files(str(file))
 
 
 RASTER = InputFile(raster_files)

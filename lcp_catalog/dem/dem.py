@@ -16,7 +16,7 @@ from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
 from .effective_resolution import Resolution, of_file
 from .grid import Grid, ProductFacts, facts_of, product_name
-from .raster import Gridded, Raster, dataset_files, grid_of, open_dataset, require_file
+from .raster import Gridded, Raster, grid_of, open_dataset, require_file
 
 
 @dataclass(frozen=True)
@@ -89,13 +89,12 @@ class Dem(Gridded):
 
     @classmethod
     def _from_gdal(cls, path: Path) -> Dem:
-        dataset = open_dataset(path)
+        dataset, files = open_dataset(path)
         if dataset.count != 1:
             raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
         grid = grid_of(dataset, path)
         scale, offset = _gdal_scale(dataset, path)
         raster = replace(Raster.of_band(dataset, path), scale_m=scale, offset_m=offset)
-        files = dataset_files(path) if dataset.driver == "VRT" else (path,)
         return cls(path, product_name(path.stem), grid, raster, files)
 
     @property
@@ -165,7 +164,7 @@ def files_beside(path: Path) -> tuple[Path, ...]:
         if label is not None:
             found += [label.path, find_image(label)]
     with contextlib.suppress(LcpError, OSError):
-        found += dataset_files(path)
+        found += open_dataset(path, "a raster")[1]
     return tuple(found)
 
 
@@ -196,7 +195,7 @@ def _compare_bytes(image: Path, label: Label) -> None:
 
 
 def _compare_size(image: Path, label: Label) -> None:
-    dataset = open_dataset(image)
+    dataset, _ = open_dataset(image)
     if (dataset.height, dataset.width) != (label.lines, label.line_samples):
         raise DemError(
             f"{image}: has {dataset.height} x {dataset.width} pixels where its label "

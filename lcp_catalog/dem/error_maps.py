@@ -26,7 +26,7 @@ from ..errors import DemError
 from .dem import Dem
 from .grid import Grid
 from .mosaic import DemSet
-from .raster import Gridded, Raster, dataset_files, grid_of, open_dataset, require_file
+from .raster import Gridded, Raster, grid_of, open_dataset
 
 log = logging.getLogger(__name__)
 
@@ -70,6 +70,7 @@ class FigureMap(Gridded):
     path: Path
     grid: Grid
     raster: Figures
+    files: tuple[Path, ...]
 
     @classmethod
     def open(cls, path: Path | str, meaning: str) -> FigureMap:
@@ -77,17 +78,15 @@ class FigureMap(Gridded):
         kilometres, if the band's unit says so). DemError if it cannot be used. No pixel is read.
         """
         path, kind = Path(path), f"a map of {meaning}"
-        require_file(path, kind)
-        dataset = open_dataset(path, kind)
+        dataset, files = open_dataset(path, kind)
         if dataset.count != 1:
             raise DemError(f"{path}: has {dataset.count} bands; {kind} has one")
         grid, raster = grid_of(dataset, path), Raster.of_band(dataset, path)
         unit = (dataset.units[0] or "").strip().lower()
         metres = 1e3 if unit in ("km", "kilometer", "kilometre") else 1.0
         scale_m, offset_m = raster.scale_m * metres, raster.offset_m * metres
-        return cls(
-            path, grid, Figures(replace(raster, scale_m=scale_m, offset_m=offset_m), meaning)
-        )
+        figures = Figures(replace(raster, scale_m=scale_m, offset_m=offset_m), meaning)
+        return cls(path, grid, figures, files)
 
     def at(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Array:
         """Values at places (n,), metres, by bilinear interpolation; NaN outside the map and where
@@ -159,8 +158,8 @@ class ErrorMaps:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that GDAL reads for the maps, including the sources of a virtual raster."""
-        return tuple(dict.fromkeys(file for one in self.maps for file in dataset_files(one.path)))
+        """Every local file that is read for the maps."""
+        return tuple(dict.fromkeys(file for one in self.maps for file in one.files))
 
     def provenance(self) -> list[dict[str, Any]]:
         """Name, size and SHA-256 of every file, without folders."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import os
 import threading
-import warnings
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
@@ -22,15 +21,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
 from rasterio.env import set_gdal_config
-from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from ..arrays import Float32
+from ..atomic_files import file_state
 from ..errors import DemError, LabelError
 from .grid import Grid
+from .raster_files import UNREADABLE, cause_of, open_raster, opened
 
 _COARSER = 1.5
 """From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
@@ -62,6 +61,8 @@ class Gridded:
     path: Path
     grid: Grid
     raster: WindowReader
+    files: tuple[Path, ...]
+    """Every local file that is read."""
 
     @property
     def gsd_m(self) -> float:
@@ -70,9 +71,8 @@ class Gridded:
 
     @property
     def identity(self) -> Hashable:
-        """Key of the values for caches; it changes when the file is written again."""
-        stat = self.path.stat()
-        return str(self.path), stat.st_mtime_ns, stat.st_size
+        """Key of the values for caches; it changes when a file is written again."""
+        return tuple((str(file), *file_state(file.stat())) for file in self.files)
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Values of a window that may reach beyond the raster: NaN there, except where the product
@@ -150,9 +150,8 @@ POSSIBLE_M = 12_000.0
 are no heights.
 """
 
-UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError)
-"""Errors of rasterio for a file that cannot be opened or read; the last is for names and texts that are not UTF-8."""
-
+PIXELS_MAX = 30_000_000_000
+"""Most pixels of a file that are all read: three times the Moon at 512 pixels a degree, minutes of reading."""
 _OPEN_FILES = 16
 _WINDOW_PIXELS = 4_000_000
 _CACHED_PIXELS = 1 << 16
@@ -207,11 +206,17 @@ class Raster:
     def windows(self, width: int | None = None) -> Iterator[tuple[int, int, int, int]]:
         """Half-open windows (row0, row1, col0, col1) of some million pixels that cover the raster,
         or its first ``width`` columns, once; in whole blocks of the file if these are not larger.
+        DemError for more than `PIXELS_MAX`.
         """
         width = self.width if width is None else width
+        if width * self.height > PIXELS_MAX:
+            raise DemError(
+                f"{self.path}: {width} x {self.height} pixels are too many to read them all (at most "
+                f"{PIXELS_MAX / 1e9:g} thousand million); make a file of a part (gdal_translate -projwin)"
+            )
         high, wide = 1, width
         if self.raw_dtype is None:
-            high, wide = open_dataset(self.path).block_shapes[0]
+            high, wide = _dataset(self.path).block_shapes[0]
         if high * wide > _WINDOW_PIXELS:
             high, wide = 1, width
         across = max(1, min(width, _WINDOW_PIXELS // high) // wide) * wide
@@ -243,7 +248,7 @@ class Raster:
         values = self.heights_of(self.samples(row0, row1, col0, col1))
         if self.masked:
             window = Window(col0, row0, col1 - col0, row1 - row0)
-            values[open_dataset(self.path).read_masks(self.band, window=window) == 0] = np.nan
+            values[_dataset(self.path).read_masks(self.band, window=window) == 0] = np.nan
         return values
 
     def samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
@@ -256,7 +261,7 @@ class Raster:
             )
         except UNREADABLE as error:
             raise DemError(
-                f"{self.path}: cannot be read; the file is damaged or truncated ({_cause(error)})"
+                f"{self.path}: cannot be read; the file is damaged or truncated ({cause_of(error)})"
             ) from error
         return samples
 
@@ -287,14 +292,14 @@ class Raster:
                 )
 
 
-def open_dataset(path: Path, kind: str = "a DEM") -> Any:
-    """The file opened by GDAL (kept open for this thread); ``kind``: what it should be. DemError if it is
-    no raster.
+def open_dataset(path: Path, kind: str = "a DEM") -> tuple[Any, tuple[Path, ...]]:
+    """The file opened by GDAL (kept open for this thread), and every local file that is read for it
+    (`raster_files.open_raster`); ``kind``: what it should be. DemError for a path that is no file and
+    for a raster that cannot be read.
     """
-    try:
-        return _dataset(path)
-    except UNREADABLE as error:
-        raise DemError(f"{path}: not {kind} that can be read here ({_cause(error)})") from error
+    require_file(path, kind)
+    dataset, files = open_raster(path, kind)
+    return _dataset(path, dataset), files
 
 
 def require_file(path: Path, kind: str) -> None:
@@ -305,29 +310,17 @@ def require_file(path: Path, kind: str) -> None:
         )
 
 
-def dataset_files(path: Path) -> tuple[Path, ...]:
-    """The file and those that GDAL reads with it: sidecar files, the sources of a virtual raster. DemError
-    if it is no raster.
-    """
-    others = (Path(name) for name in open_dataset(path).files)
-    return tuple(dict.fromkeys((path, *(one for one in others if one.is_file()))))
-
-
-def _dataset(path: Path) -> Any:
+def _dataset(path: Path, fresh: Any = None) -> Any:
     """The open dataset of a file in this process and thread; a file that has changed is opened
-    again.
+    again. ``fresh``: a dataset to be kept in place of one whose sources may have changed.
     """
     if getattr(_local, "pid", None) != os.getpid():
         _local.pid, _local.files = os.getpid(), OrderedDict()
     files: OrderedDict[tuple[str, int, int], Any] = _local.files
     stat = os.stat(path)
     key = (str(path), stat.st_mtime_ns, stat.st_size)
-    if key not in files:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", NotGeoreferencedWarning
-            )  # reported by the caller that needs the grid
-            files[key] = rasterio.open(path)
+    if fresh is not None or key not in files:
+        files[key] = opened(str(path), "a raster") if fresh is None else fresh
         if len(files) > _OPEN_FILES:
             files.popitem(last=False)[1].close()
     files.move_to_end(key)
@@ -341,12 +334,6 @@ def limit_gdal_cache(size_bytes: int) -> None:
 
 
 limit_gdal_cache(GDAL_CACHE_BYTES)
-
-
-def _cause(error: BaseException) -> str:
-    """GDAL's own message, which rasterio hides behind its own."""
-    cause = error.__cause__ or error
-    return " ".join(str(cause).split())
 
 
 def _fits(value: float, dtype: np.dtype[Any]) -> bool:

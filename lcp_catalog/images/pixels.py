@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning
@@ -29,8 +28,8 @@ from scipy import ndimage
 
 from ..arrays import Mask
 from ..choices import ENCODINGS
-from ..dem.raster import UNREADABLE
-from ..errors import ImageError, LabelError, LcpError
+from ..dem.raster_files import UNREADABLE, cause_of, open_raster
+from ..errors import DemError, ImageError, LabelError, LcpError
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4
@@ -242,15 +241,17 @@ def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
     """Path that GDAL opens for an image, and the open file."""
     opened = _pixels_of(path)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), open_raster(opened, "an image")[0] as file:
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(opened) as file:
-                yield opened, file
+            yield opened, file
+    except DemError as error:
+        raise ImageError(str(error)) from error
     except UNREADABLE as error:
         if isinstance(error, LcpError):
             raise
-        cause = " ".join(str(error.__cause__ or error).split())
-        raise ImageError(f"{path}: not a readable image ({cause})") from error
+        raise ImageError(
+            f"{path}: not an image that can be read here ({cause_of(error)})"
+        ) from error
 
 
 def _pixels_of(path: Path) -> Path:

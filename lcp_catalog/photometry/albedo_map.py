@@ -32,7 +32,7 @@ from ..atomic_files import file_facts
 from ..choices import ENCODINGS
 from ..constants import MOON_RADIUS_M
 from ..dem.grid import Grid, facts_of, product_name
-from ..dem.raster import Gridded, Raster, dataset_files, grid_of, open_dataset, require_file
+from ..dem.raster import Gridded, Raster, grid_of, open_dataset
 from ..dem.tiles import Layer
 from ..errors import AlbedoError, DemError
 from ..geometry.bounds import Bounds
@@ -93,6 +93,7 @@ class AlbedoPixels(Gridded):
     path: Path
     grid: Grid
     raster: Brightness
+    files: tuple[Path, ...]
 
     @property
     def identity(self) -> Hashable:
@@ -108,7 +109,7 @@ def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> Al
     Without an ``encoding`` the values are linear, with a warning if they look like those of a
     display image.
     """
-    dataset = _opened(path)
+    dataset, files = _opened(path)
     _refuse_heights(dataset, path)
     if band is None:
         _refuse_colours(dataset, path)
@@ -131,14 +132,14 @@ def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> Al
             path,
         )
     full = float(np.iinfo(dataset.dtypes[k]).max) if "int" in dataset.dtypes[k] else 1.0
-    return AlbedoPixels(path, grid, Brightness(raster, encoding or "linear", full))
+    return AlbedoPixels(path, grid, Brightness(raster, encoding or "linear", full), files)
 
 
 def colour_bands(path: Path) -> tuple[int, ...]:
     """The bands, counted from 1, of red, green and blue: those that the file names so, else all of a
     raster of three bands besides alpha. Empty for any other raster. AlbedoError if it cannot be read.
     """
-    names = [kind.name for kind in _opened(path).colorinterp]
+    names = [kind.name for kind in _opened(path)[0].colorinterp]
     if set(_RGB) <= set(names):
         return tuple(names.index(colour) + 1 for colour in _RGB)
     bands = [k for k, name in enumerate(names, start=1) if name != "alpha"]
@@ -146,9 +147,8 @@ def colour_bands(path: Path) -> tuple[int, ...]:
     return tuple(bands) if len(bands) == len(_RGB) and not named else ()
 
 
-def _opened(path: Path) -> Any:
+def _opened(path: Path) -> tuple[Any, tuple[Path, ...]]:
     try:
-        require_file(path, "an albedo map")
         return open_dataset(path, "an albedo map")
     except DemError as error:
         raise AlbedoError(str(error)) from error
@@ -301,8 +301,8 @@ class AlbedoMap:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Every file that GDAL reads for the map, including the sources of a virtual raster."""
-        return dataset_files(self.pixels.path)
+        """Every local file that is read for the map."""
+        return self.pixels.files
 
     def describe(self) -> dict[str, Any]:
         """Values for a result's metadata; without folders."""

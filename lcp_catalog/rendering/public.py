@@ -331,6 +331,8 @@ def render(
             bounce=bounce,
         )
     )
+    if output is not None:
+        check_output(output, overwrite, scene.sources)
     image = scene.expose()
     if output is not None:
         write_bytes(output, encode(scene, image), overwrite)

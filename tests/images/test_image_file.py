@@ -186,19 +186,19 @@ def test_files_that_are_not_images(tmp_path: Path) -> None:
     refused("the image file does not exist", tmp_path, camera)
     text = tmp_path / "a.txt"
     text.write_text("not an image")
-    refused("not a readable image", text, camera)
+    refused("not an image that can be read here", text, camera)
     bare = tmp_path / "b.img"
     bare.write_bytes(bytes(2400))
-    refused("not a readable image", bare, camera)
+    refused("not an image that can be read here", bare, camera)
     empty = tmp_path / "c.png"
     empty.write_bytes(b"")
-    refused("not a readable image", empty, camera)
+    refused("not an image that can be read here", empty, camera)
 
 
 def test_an_image_that_is_cut_short(tmp_path: Path) -> None:
     path = files.write_image(tmp_path / "a.tif", scene("float32"), compress="deflate")
     path.write_bytes(path.read_bytes()[:3000])
-    refused("not a readable image", path, files.camera_over(SHAPE))
+    refused("not an image that can be read here", path, files.camera_over(SHAPE))
 
 
 def test_complex_samples(tmp_path: Path) -> None:

@@ -181,7 +181,7 @@ def test_times_of_pds4_labels(tmp_path: Path, ending: str, target: str) -> None:
 def test_a_damaged_pds4_label_is_no_image(tmp_path: Path) -> None:
     path = files.write_pds4(tmp_path / "a.xml", SAMPLES, "N/A", "N/A", "Moon")
     path.write_text(path.read_text()[:900])
-    with pytest.raises(ImageError, match="not a readable image"):
+    with pytest.raises(ImageError, match="not an image that can be read here"):
         read_pixels(path)
 
 

@@ -1,0 +1,181 @@
+"""The local files behind a raster, and its opening by GDAL: formats by list, no network, no pipe or device.
+
+A virtual raster (VRT) names other files, among them other VRTs and files in archives, and GDAL opens
+whatever is named. Here every file is found and judged before GDAL opens the first.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import rasterio
+from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
+from rasterio.io import DatasetReader
+
+from ..errors import DemError
+
+DRIVERS = (
+    *("GTiff", "VRT", "JP2OpenJPEG", "PDS", "PDS4", "ISIS3", "ISIS2", "VICAR", "HFA", "ENVI"),
+    *("EHdr", "AAIGrid", "PNG", "JPEG", "GIF", "BMP", "WEBP"),
+)
+"""GDAL's drivers that may open a file: of formats that name no other file, or only their own parts."""
+
+UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError)
+"""Errors of rasterio for a file that cannot be opened or read; the last is for names and texts that are not UTF-8."""
+
+_ARCHIVES = ("/vsizip/", "/vsitar/", "/vsigzip/")
+_NAMING = ("sourcefilename", "sourcedataset", "dempath")
+"""Elements of a VRT that hold the name of a file, in small letters (GDAL ignores the case)."""
+_NAMING_KEYS = ("overview_file", "x_dataset", "y_dataset")
+"""Keys of metadata, also in a sidecar file, that do."""
+_BESIDE = (".aux.xml", ".ovr", ".msk", ".OVR", ".MSK")
+"""Endings, behind the whole name, of sidecar files that are rasters or can name one."""
+_BASE = ":::BASE:::"
+_HEAD_BYTES, _XML_BYTES = 1024, 100_000_000
+_BLOCK_BYTES = 1_000_000_000
+"""Largest block, which is decoded whole, that is read."""
+
+
+def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
+    """The file opened by GDAL, and every local file that is read for it, itself first: its sidecar files, the
+    sources of a VRT, also of one among its sources, and the archives that sources lie in. ``kind``: what
+    the file should be.
+
+    DemError if it is no raster of a known format (`DRIVERS`); if a file that it names is missing, no
+    plain file, or not on this machine; if a block of it is beyond reason.
+    """
+    todo, seen, files = [_Named(str(path), path)], {str(path)}, dict[Path, None]()
+    with rasterio.Env.from_defaults(CPL_VSIL_CURL_ALLOWED_FILENAME="none"):
+        for one in todo:  # which grows
+            file = one.file()
+            files[file] = None
+            xml = None
+            if str(file) == one.name:  # not in an archive
+                xml = _xml(file)
+                for new in (*_sidecars(file), *(() if xml is None else _named(xml, file))):
+                    if new.name not in seen:
+                        todo.append(new)
+                        seen.add(new.name)
+            if one is not todo[0] and one.is_raster and xml is None:
+                with opened(one.name, f"a raster (named by {one.by})") as dataset:
+                    _add(files, dataset)
+        dataset = opened(str(path), kind)
+        _add(files, dataset)
+    return dataset, tuple(files)
+
+
+def opened(name: str, kind: str) -> Any:
+    """A file opened by GDAL without a look at what it names; DemError as `open_raster`."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said where the grid is needed
+            dataset = DatasetReader(name, driver=list(DRIVERS))
+    except UNREADABLE as error:
+        raise DemError(f"{name}: not {kind} that can be read here ({cause_of(error)})") from error
+    for (high, wide), dtype in zip(dataset.block_shapes, dataset.dtypes, strict=True):
+        if high * wide * np.dtype(dtype).itemsize > _BLOCK_BYTES:
+            raise DemError(
+                f"{name}: is stored in blocks of {wide} x {high} pixels, each of which must be decoded whole; "
+                "store it in tiles (gdal_translate -co TILED=YES)"
+            )
+    return dataset
+
+
+def cause_of(error: BaseException) -> str:
+    """GDAL's own message, which rasterio hides behind its own."""
+    return " ".join(str(error.__cause__ or error).split())
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A file by the name that GDAL opens, and the file that names it."""
+
+    name: str
+    by: Path
+    is_raster: bool = True  # False for bare samples and sidecar files
+
+    def file(self) -> Path:
+        """The file itself, or the archive that it lies in. DemError if that is no plain file."""
+        inner = self.name
+        while inner.startswith(_ARCHIVES):
+            rest = inner[inner.index("/", 1) :]  # GDAL takes /vsizip/vsitar/ as /vsizip//vsitar/
+            inner = rest if rest.startswith("/vsi") else rest[1:].lstrip("{")
+        place = Path(inner)
+        places = [place]
+        if inner != self.name:
+            place = Path(inner.partition("}")[0])
+            places = [*reversed(place.parents), place]
+        for place in places:
+            try:
+                if stat.S_ISREG(os.stat(place).st_mode):
+                    return place
+            except (OSError, ValueError):  # ValueError: a zero byte
+                continue
+        raise DemError(
+            f"{self.by}: names {self.name}, which is no plain file on this machine; put it there, or a copy of it "
+            "under another name"
+        )
+
+
+def _add(files: dict[Path, None], dataset: Any) -> None:
+    """Add the files that GDAL names for an open raster, unless they are known by another name."""
+    known = {os.path.realpath(file) for file in files}
+    for name in dataset.files:
+        file = _Named(name, Path(dataset.name)).file()
+        if os.path.realpath(file) not in known:
+            files[file] = None
+
+
+def _sidecars(file: Path) -> Iterator[_Named]:
+    for ending in _BESIDE:
+        if os.path.lexists(f"{file}{ending}"):
+            yield _Named(f"{file}{ending}", file, is_raster=ending != _BESIDE[0])
+
+
+def _xml(file: Path) -> ElementTree.Element | None:
+    """The content of a VRT or of a sidecar file in XML, None of any other file. DemError if it cannot be read."""
+    with file.open("rb") as stream:
+        head = stream.read(_HEAD_BYTES)
+        if b"<VRTDataset" not in head and b"<PAMDataset" not in head:
+            return None
+        if os.fstat(stream.fileno()).st_size > _XML_BYTES:
+            raise DemError(f"{file}: a virtual raster of more than {_XML_BYTES / 1e6:g} MB")
+        parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
+        try:
+            return ElementTree.fromstring(head + stream.read(), parser)
+        except (ElementTree.ParseError, LookupError, ValueError) as error:
+            raise DemError(f"{file}: not a virtual raster that can be read ({error})") from error
+
+
+def _named(root: ElementTree.Element, file: Path) -> Iterator[_Named]:
+    """The files that a VRT or a sidecar file names, as GDAL resolves them."""
+    holder = file
+    while holder.is_symlink():
+        holder = holder.parent / os.readlink(holder)
+    for parent in root.iter():
+        for one in parent:
+            if not isinstance(one.tag, str) or not _names_a_file(one):
+                continue
+            text = "" if len(one) else (one.text or "").lstrip()  # GDAL ends the name at a comment
+            given = {key.lower(): value for key, value in one.attrib.items()}
+            relative = given.get("relativetovrt", "0").strip() not in ("", "0")
+            name = text.removeprefix(_BASE)
+            if relative or name != text:
+                name = os.path.join(holder.parent, name)
+            bare = str(parent.tag).lower() == "vrtrasterband"
+            yield _Named(name, file, is_raster=not bare)
+
+
+def _names_a_file(one: ElementTree.Element) -> bool:
+    tag, given = one.tag.lower(), " ".join(map(str.lower, one.attrib.values()))
+    if tag == "argument":
+        return "filename" in given
+    return tag in _NAMING or (tag == "mdi" and any(key in given for key in _NAMING_KEYS))
