@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+import rasterio.shutil
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.catalog.verification import open_catalog, verify
@@ -262,3 +263,26 @@ def test_an_output_that_is_an_input_is_refused(tmp_path: Path, how: str) -> None
     with pytest.raises(OutputError, match="is read, too"):
         BuildRun(Build.plan((dem,), CONFIG), output, overwrite=True).whole()
     assert dem.read_bytes() == DEM.read_bytes()
+
+
+def test_a_file_behind_a_vrt_of_a_vrt_is_an_input(tmp_path: Path) -> None:
+    """It is in the list of sources, it is no output, and a change of it is noticed, now and on resuming."""
+    dem, output = tmp_path / "dem.tif", tmp_path / "x.h5"
+    shutil.copy(DEM, dem)
+    rasterio.shutil.copy(dem, tmp_path / "one.vrt", driver="VRT")
+    text = (tmp_path / "one.vrt").read_text()
+    (tmp_path / "two.vrt").write_text(text.replace("dem.tif", "one.vrt"))
+    plan = Build.plan((tmp_path / "two.vrt",), CONFIG)
+    names = [source["name"] for source in plan.recipe.dems.sources()]
+    assert names == ["two.vrt", "one.vrt", "dem.tif"]
+    with pytest.raises(OutputError, match="is read, too"):
+        BuildRun(plan, dem, overwrite=True).whole()
+    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    with checkpoints.locked(shared=True):
+        checkpoints.begin(resume=False)
+    with rasterio.open(dem, "r+") as file:
+        file.write(file.read(1) + 1, 1)
+    with pytest.raises(AreaFailedError, match=r"dem\.tif: was changed"):
+        plan.inputs.require_unchanged()
+    with pytest.raises(OutputExistsError, match="another configuration, DEM or version"):
+        BuildRun(Build.plan((tmp_path / "two.vrt",), CONFIG), output, resume=True).whole()
