@@ -40,6 +40,7 @@ _BESIDE = (".aux.xml", ".ovr", ".msk", ".OVR", ".MSK")
 """Endings, behind the whole name, of sidecar files that are rasters or can name one."""
 _BASE = ":::BASE:::"
 _HEAD_BYTES, _XML_BYTES = 1024, 100_000_000
+"""Bytes that show what a file is; most that are read of a VRT."""
 _BLOCK_BYTES = 1_000_000_000
 """Largest block, which is decoded whole, that is read."""
 
@@ -76,7 +77,9 @@ def opened(name: str, kind: str) -> Any:
     """A file opened by GDAL without a look at what it names; DemError as `open_raster`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)  # said where the grid is needed
+            warnings.simplefilter(
+                "ignore", NotGeoreferencedWarning
+            )  # said where the grid is needed
             dataset = DatasetReader(name, driver=list(DRIVERS))
     except UNREADABLE as error:
         raise DemError(f"{name}: not {kind} that can be read here ({cause_of(error)})") from error
@@ -143,16 +146,15 @@ def _sidecars(file: Path) -> Iterator[_Named]:
 def _xml(file: Path) -> ElementTree.Element | None:
     """The content of a VRT or of a sidecar file in XML, None of any other file. DemError if it cannot be read."""
     with file.open("rb") as stream:
-        head = stream.read(_HEAD_BYTES)
-        if b"<VRTDataset" not in head and b"<PAMDataset" not in head:
+        text = stream.read(_HEAD_BYTES)
+        if b"<VRTDataset" not in text and b"<PAMDataset" not in text:
             return None
-        if os.fstat(stream.fileno()).st_size > _XML_BYTES:
-            raise DemError(f"{file}: a virtual raster of more than {_XML_BYTES / 1e6:g} MB")
+        text += stream.read(_XML_BYTES)
+    try:
         parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
-        try:
-            return ElementTree.fromstring(head + stream.read(), parser)
-        except (ElementTree.ParseError, LookupError, ValueError) as error:
-            raise DemError(f"{file}: not a virtual raster that can be read ({error})") from error
+        return ElementTree.fromstring(text, parser)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise DemError(f"{file}: not a virtual raster that can be read ({error})") from error
 
 
 def _named(root: ElementTree.Element, file: Path) -> Iterator[_Named]:
@@ -162,20 +164,15 @@ def _named(root: ElementTree.Element, file: Path) -> Iterator[_Named]:
         holder = holder.parent / os.readlink(holder)
     for parent in root.iter():
         for one in parent:
-            if not isinstance(one.tag, str) or not _names_a_file(one):
-                continue
-            text = "" if len(one) else (one.text or "").lstrip()  # GDAL ends the name at a comment
-            given = {key.lower(): value for key, value in one.attrib.items()}
-            relative = given.get("relativetovrt", "0").strip() not in ("", "0")
-            name = text.removeprefix(_BASE)
-            if relative or name != text:
-                name = os.path.join(holder.parent, name)
-            bare = str(parent.tag).lower() == "vrtrasterband"
-            yield _Named(name, file, is_raster=not bare)
-
-
-def _names_a_file(one: ElementTree.Element) -> bool:
-    tag, given = one.tag.lower(), " ".join(map(str.lower, one.attrib.values()))
-    if tag == "argument":
-        return "filename" in given
-    return tag in _NAMING or (tag == "mdi" and any(key in given for key in _NAMING_KEYS))
+            tag = str(one.tag).lower()  # of a comment it is a function
+            given = {key.lower(): value.lower().strip() for key, value in one.attrib.items()}
+            if (
+                tag in _NAMING
+                or (tag == "mdi" and given.get("key") in _NAMING_KEYS)
+                or (tag == "argument" and "filename" in given.get("name", ""))
+            ):
+                text = "" if len(one) else (one.text or "").lstrip()  # GDAL ends it at a comment
+                name = text.removeprefix(_BASE)
+                if name != text or given.get("relativetovrt", "0") != "0":
+                    name = os.path.join(holder.parent, name)
+                yield _Named(name, file, str(parent.tag).lower() != "vrtrasterband")

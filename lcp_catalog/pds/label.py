@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 
 _LARGEST_FILE = 1e15
@@ -72,3 +73,11 @@ def file_bytes(number: float, key: str) -> int:
     if not 0.0 <= number < _LARGEST_FILE:
         raise LabelError(f"{key} is {number:g} bytes")
     return int(number)
+
+
+def refuse_foreign(radius_m: float | None, key: str) -> None:
+    """LabelError for a radius that is not that of the sphere of heights."""
+    if radius_m is not None and abs(radius_m - MOON_RADIUS_M) > 0.5:
+        raise LabelError(
+            f"{key} is {radius_m:.10g} m; heights must refer to the sphere of {MOON_RADIUS_M:.0f} m"
+        )

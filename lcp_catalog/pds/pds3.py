@@ -20,7 +20,7 @@ from typing import Any
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from ..geometry.bounds import wrapped_deg
-from .label import DeclaredStatistics, Label, file_bytes
+from .label import DeclaredStatistics, Label, file_bytes, refuse_foreign
 
 Pvl = dict[str, Any]
 """Statements of a label; an OBJECT or GROUP is a nested dictionary, a number with a unit a
@@ -284,7 +284,7 @@ class _Interpreter:
                 "the label has neither TARGET_NAME nor A_AXIS_RADIUS, so the body is unknown"
             )
         for key in ("A_AXIS_RADIUS", "B_AXIS_RADIUS", "C_AXIS_RADIUS"):
-            self._refuse_foreign_radius(key, self._radius_m(key))
+            refuse_foreign(self._radius_m(key), key)
         if text(self.map, "POSITIVE_LONGITUDE_DIRECTION") not in ("", "EAST"):
             raise LabelError("west-positive longitudes are not supported")
         if (number(self.map, "MAP_PROJECTION_ROTATION") or 0.0) != 0.0:
@@ -302,14 +302,6 @@ class _Interpreter:
             return None
         unit = value.unit if isinstance(value, Quantity) else ("KM" if radius < 10_000.0 else "M")
         return radius * metres(unit, key)
-
-    @staticmethod
-    def _refuse_foreign_radius(key: str, radius_m: float | None) -> None:
-        if radius_m is not None and abs(radius_m - MOON_RADIUS_M) > 0.5:
-            raise LabelError(
-                f"{key} is {radius_m:.10g} m; heights must refer to the sphere of "
-                f"{MOON_RADIUS_M:.0f} m"
-            )
 
     def _projection(self) -> str:
         name = text(self.map, "MAP_PROJECTION_TYPE").replace("_", " ")
@@ -368,7 +360,7 @@ class _Interpreter:
                 raise LabelError(f"SCALING_FACTOR is {factor:g}")
             unit_m = metres(unit, "UNIT") if unit else self._unstated_unit_m(factor, radius)
             if radius:
-                self._refuse_foreign_radius("OFFSET", radius * unit_m)
+                refuse_foreign(radius * unit_m, "OFFSET")
             return unit_m if factor is None else factor * unit_m
         if self.compressed is not None:
             # SLDEM2015's JP2 labels state no scale; all JP2 files of the archive are int16 counts

@@ -12,10 +12,9 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from . import pds3
-from .label import DeclaredStatistics, Label, file_bytes
+from .label import DeclaredStatistics, Label, file_bytes, refuse_foreign
 
 _DTYPES = {
     "IEEE754LSBSingle": "<f4",
@@ -141,10 +140,7 @@ class _Pds4:
                 "the label has no cart:map_projection_name; a map-projected DEM is required"
             )
         for key in ("a_axis_radius", "b_axis_radius", "c_axis_radius"):
-            if abs(self.metres(key) - MOON_RADIUS_M) > 0.5:
-                raise LabelError(
-                    f"{key} is {self.metres(key):.10g} m; heights must refer to the sphere of {MOON_RADIUS_M:.0f} m"
-                )
+            refuse_foreign(self.metres(key), key)
         if self.text("longitude_direction").lower() not in ("", "positive east"):
             raise LabelError("west-positive longitudes are not supported")
         for key in ("map_projection_rotation", "oblique_proj_pole_latitude"):
@@ -199,10 +195,8 @@ class _Pds4:
         if not unit:
             raise LabelError("the heights have no unit: metres or kilometres?")
         metres, factor = pds3.metres(unit, "unit"), self.maybe("scaling_factor")
-        if radius and abs(radius * metres - MOON_RADIUS_M) > 0.5:
-            raise LabelError(
-                f"value_offset is {radius * metres:.10g} m and not the sphere's {MOON_RADIUS_M:.0f} m"
-            )
+        if radius:
+            refuse_foreign(radius * metres, "value_offset")
         return metres if factor is None else factor * metres
 
     def _declared(self) -> DeclaredStatistics:
