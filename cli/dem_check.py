@@ -46,13 +46,14 @@ def _object(one: CheckResult) -> dict[str, Any]:
         "sound": one.sound,
         "problems": list(one.problems),
         "notes": list(one.notes),
+        "warnings": list(one.warnings),
     }
 
 
 def _text(one: CheckResult) -> str:
-    lines = [
-        f"{one.path}: {'sound' if one.sound else 'NOT SOUND'}{f', {one.product}' if one.product else ''}"
-    ]
+    verdict = "NOT SOUND" if not one.sound else "DOUBTFUL" if one.warnings else "sound"
+    lines = [f"{one.path}: {verdict}{f', {one.product}' if one.product else ''}"]
     lines += [f"  {problem}" for problem in one.problems]
+    lines += [f"  warning: {warning}" for warning in one.warnings]
     lines += [f"  note: {note}" for note in one.notes]
     return "\n".join(lines)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from ..pds.pds3 import read_pds3
 from .dem import Dem, extremes_step, grid_of_label
 from .grid import Grid, facts_of
 from .pixel_statistics import Extreme, SampleStatistics, sample_statistics
+from .plausibility import doubts
 from .raster import POSSIBLE_M
 
 _AGAIN = "fetch both again"
@@ -30,12 +32,15 @@ and no height.
 
 @dataclass(frozen=True)
 class CheckResult:
-    """Result for one file: with ``problems`` it must not be used; ``notes`` are remarks."""
+    """Result for one file: with ``problems`` it must not be used; ``notes`` are remarks; ``warnings``: why
+    its heights are hardly those of the Moon in metres (`plausibility`).
+    """
 
     path: str
     product: str | None  # None when the file cannot be opened
     problems: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -57,13 +62,22 @@ def check_dem(path: Path | str) -> CheckResult:
         survey = sample_statistics(dem.raster)
     except LcpError as error:
         return CheckResult(str(path), dem.product, (*problems, _line(error)), tuple(notes))
-    problems += [f"{dem.path}: {text}" for text in _heights(dem, survey)]
+    wrong = _heights(dem, survey)
+    problems += [f"{dem.path}: {text}" for text in wrong]
+    doubtful = () if wrong else tuple(_doubts(dem, survey))
     notes += _stripes(survey)
     if label is not None and grid is not None:
         wrong = [*_extremes(dem, label, survey), *_sums(dem, label, survey)]
         wrong += _map(dem, label, grid)
         problems += [f"{label.path}: {text}" for text in wrong]
-    return CheckResult(str(path), dem.product, tuple(problems), tuple(notes))
+    return CheckResult(str(path), dem.product, tuple(problems), tuple(notes), doubtful)
+
+
+def _doubts(dem: Dem, survey: SampleStatistics) -> Iterator[str]:
+    if survey.lowest is not None and survey.highest is not None:
+        low_m, high_m = (_metres(dem, one.value) for one in (survey.lowest, survey.highest))
+        known = (survey.pixels - survey.missing) / survey.pixels
+        yield from doubts(dem, low_m, high_m, known, survey.block_zeros / survey.pixels)
 
 
 def _line(error: LcpError) -> str:

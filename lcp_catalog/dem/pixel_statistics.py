@@ -16,7 +16,7 @@ from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from ..arrays import Array, Index, Mask
+from ..arrays import AnyArray, Array, Index, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.bounds import Bounds, enclosing_bounds, wrapped_deg
 from .dem import Dem
@@ -206,6 +206,7 @@ class SampleStatistics:
     impossible_at: tuple[int, int, float] | None  # row, column, height of the first
     zero_rows: int
     zero_columns: int
+    block_zeros: int  # pixels in blocks of zeros
     looks_swapped: bool
     sample_sum: int | None  # modulo 2^32; None for samples that are not whole numbers
 
@@ -218,10 +219,22 @@ def sample_statistics(raster: Raster) -> SampleStatistics:
     return found.result()
 
 
+_ZEROS_PX = 8
+"""Side of the squares of `zeros_in_blocks`."""
+
+
+def zeros_in_blocks(heights: AnyArray) -> int:
+    """Number of pixels of a window (rows, cols) in squares of 8 x 8 that hold zeros alone."""
+    rows, cols = (size // _ZEROS_PX for size in heights.shape)
+    zero = heights[: rows * _ZEROS_PX, : cols * _ZEROS_PX] == 0.0
+    blocks = zero.reshape(rows, _ZEROS_PX, cols, _ZEROS_PX).all(axis=(1, 3))
+    return int(np.count_nonzero(blocks)) * _ZEROS_PX**2
+
+
 class _SampleCounts:
     def __init__(self, raster: Raster) -> None:
         self.raster = raster
-        self.missing = self.impossible = self.sample_sum = 0
+        self.missing = self.impossible = self.sample_sum = self.block_zeros = 0
         self.lowest: Extreme | None = None
         self.highest: Extreme | None = None
         self.impossible_at: tuple[int, int, float] | None = None
@@ -238,6 +251,7 @@ class _SampleCounts:
         zero = heights == 0.0
         self.zero_row[row0 : row0 + len(zero)] &= zero.all(axis=1)
         self.zero_column[col0 : col0 + zero.shape[1]] &= zero.all(axis=0)
+        self.block_zeros += zeros_in_blocks(heights)
         self.order.add(samples, heights)
         if samples.dtype.kind in "iu":
             self.sample_sum = (self.sample_sum + int(samples.sum(dtype=np.int64))) % 2**32
@@ -269,6 +283,7 @@ class _SampleCounts:
             impossible_at=self.impossible_at,
             zero_rows=int(np.count_nonzero(self.zero_row)),
             zero_columns=int(np.count_nonzero(self.zero_column)),
+            block_zeros=self.block_zeros,
             looks_swapped=self.order.looks_swapped,
             sample_sum=self.sample_sum if whole else None,
         )

@@ -38,6 +38,7 @@ from ..catalog.verification import open_catalog
 from ..constants import MOON_RADIUS_M
 from ..dem.block_cache import CACHES_BYTES
 from ..dem.mosaic import DemSet, warn_of_disagreements
+from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_paths
 from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, SunError
@@ -278,6 +279,7 @@ class Build:
         region = config.area.region or Area.from_bounds(*dems.bounds)
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
+        warn_of_doubts(dems, region.bounds)
         if config.area.region is not None:
             warn_of_region(dems, region, config.area.gsd_m)
         chosen = cells(config, dems, region)
