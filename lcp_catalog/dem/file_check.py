@@ -179,14 +179,9 @@ def _stripes(survey: SampleStatistics) -> list[str]:
         for n, what in ((survey.zero_rows, "rows"), (survey.zero_columns, "columns"))
         if n
     ]
-    notes = (
-        [f"{' and '.join(stripes)} hold only zeros: possibly undeclared missing data"]
-        if stripes
-        else []
-    )
-    if survey.lowest is not None and survey.lowest == survey.highest and not stripes:
-        notes.append(f"all pixels have the same value {survey.lowest.value:g}")
-    return notes
+    if not stripes:
+        return []
+    return [f"{' and '.join(stripes)} hold only zeros: possibly undeclared missing data"]
 
 
 def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:

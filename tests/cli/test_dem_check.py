@@ -60,7 +60,8 @@ def test_json_is_one_document(files: tuple[Path, ...], capsys: pytest.CaptureFix
     assert run(["dem", "check", *map(str, files), "--json"]) == 4
     out, err = capsys.readouterr()
     found = json.loads(out)
-    assert [set(one) for one in found] == [{"path", "product", "sound", "problems", "notes"}] * 3
+    keys = {"path", "product", "sound", "problems", "notes", "warnings"}
+    assert [set(one) for one in found] == [keys] * 3
     assert [one["path"] for one in found] == [str(path) for path in files]
     assert [one["sound"] for one in found] == [True, False, True]
     assert [one["product"] for one in found] == ["SLDEM2015_512", None, "LDEM_80S_20M"]

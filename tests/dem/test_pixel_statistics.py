@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.dem import raster as raster_module
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.file_check import CheckResult, check_dem
+from lcp_catalog.dem.file_check import check_dem
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.pixel_statistics import height_statistics, pixel_km2, sample_statistics
 from lcp_catalog.dem.raster import Raster
@@ -101,11 +101,11 @@ class TestPixels:
         verdict = check_dem(path)
         assert any("3 rows and 1 columns hold only zeros" in note for note in verdict.notes)
 
-    def test_one_value_is_a_note(self, tmp_path: Path) -> None:
+    def test_one_value_is_doubtful(self, tmp_path: Path) -> None:
         path = geotiff(tmp_path / "LDEM_64.tif", np.full((4, 4), 7.0, np.float32), 0.0, 0.0, 10.0)
-        assert check_dem(path) == CheckResult(
-            str(path), "LDEM_64", (), ("all pixels have the same value 7",)
-        )
+        verdict = check_dem(path)
+        assert (verdict.problems, verdict.notes) == ((), ())
+        assert "heights from 7 to 7 m over 0.04 km are flatter than" in verdict.warnings[0]
 
     def test_an_unknown_product_is_a_note(self, tmp_path: Path) -> None:
         path = geotiff(
