@@ -41,7 +41,7 @@ def doubts(dem: Dem, low_m: float, high_m: float, known: float, zeros: float) ->
     side_m, relief_m = 1e3 * math.sqrt(area_km2), high_m - low_m
     seen = f"heights from {low_m:.5g} to {high_m:.5g} m over {side_m / 1e3:.3g} km"
     cure = "(UNIT in a label; gdal_translate -a_scale {} for a GeoTIFF)"
-    if max(-low_m, high_m) <= _KM and side_m >= _KM_SIDE_M:
+    if relief_m > 0.0 and max(-low_m, high_m) <= _KM and side_m >= _KM_SIDE_M:
         yield f"{seen} look like kilometres; declare the unit {cure.format(1000)}"
     elif not _LEAST * side_m <= relief_m <= _MOST * side_m:
         how = "flatter" if relief_m < side_m * _LEAST else "steeper"

@@ -123,8 +123,8 @@ class _Named:
             except (OSError, ValueError):  # ValueError: a zero byte
                 continue
         raise DemError(
-            f"{self.by}: names {self.name}, which is no plain file on this machine; put it there, or a copy of it "
-            "under another name"
+            f"{self.by}: names {self.name}, which is no plain file on this machine, and only such files are read; "
+            "put it there, or name a copy of it"
         )
 
 

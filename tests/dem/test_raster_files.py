@@ -5,8 +5,10 @@ from __future__ import annotations
 import http.server
 import os
 import shutil
+import signal
 import tarfile
 import threading
+import time
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -307,6 +309,20 @@ def test_a_file_of_too_many_pixels_is_refused_before_they_are_read(
     assert run(["dem", "check", path]) == 4
     assert "too many to read them all" in capsys.readouterr().out
     assert run(["dem", "info", "--quick", path]) == 0
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_long_reading_ends_with_a_signal(
+    sent: signal.Signals, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = _sparse(tmp_path / "sparse.tif", 240_000, 120_000, TILES)
+    timer = threading.Timer(1.0, os.kill, (os.getpid(), sent))
+    timer.start()
+    began = time.monotonic()
+    assert run(["dem", "check", str(path)]) == code
+    timer.join()
+    assert time.monotonic() - began < 30.0  # all of it takes many minutes
+    assert capsys.readouterr().err.strip().count("\n") == 0
 
 
 def test_a_block_that_no_memory_holds_is_refused(tmp_path: Path) -> None:
