@@ -16,7 +16,7 @@ from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
 from .effective_resolution import Resolution, of_file
 from .grid import Grid, ProductFacts, facts_of, product_name
-from .raster import Gridded, Raster, grid_of, open_dataset, require_file
+from .raster import Gridded, Raster, grid_of, open_dataset, require_file, unit_m
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,7 @@ class Dem(Gridded):
         if image is not None and label.image_name:
             _refuse_other_kind(image, label)
         image = image or find_image(label)
-        if image.suffix.lower() in (
-            ".tif",
-            ".tiff",
-        ):  # NAC DTMs: the GeoTIFF needs no label
+        if is_geotiff(image):  # NAC DTMs: it needs no label
             _compare_size(image, label)
             return cls._from_gdal(image)
         if label.compressed or image.suffix.lower() == ".jp2":
@@ -126,6 +123,11 @@ class Dem(Gridded):
     def radius_m(self) -> float:
         """Radius of the sphere above which heights are given; files on other spheres are refused."""
         return MOON_RADIUS_M
+
+
+def is_geotiff(path: Path) -> bool:
+    """True for the name of a GeoTIFF."""
+    return path.suffix.lower() in (".tif", ".tiff")
 
 
 def grid_of_label(label: Label) -> Grid:
@@ -209,8 +211,7 @@ def _gdal_scale(dataset: Any, path: Path) -> tuple[float, float]:
     sphere is no term of height.
     """
     scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
-    unit = (dataset.units[0] or "").strip().lower()
-    metres = 1000.0 if unit in ("km", "kilometer", "kilometers", "kilometre", "kilometres") else 1.0
+    metres = unit_m(dataset)
     if abs(offset * 1000.0 - MOON_RADIUS_M) < 0.5:
         metres, offset = 1000.0, 0.0
     elif abs(offset * metres - MOON_RADIUS_M) < 0.5:

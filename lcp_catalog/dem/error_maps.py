@@ -26,7 +26,7 @@ from ..errors import DemError
 from .dem import Dem
 from .grid import Grid
 from .mosaic import DemSet
-from .raster import Gridded, Raster, grid_of, open_dataset
+from .raster import Gridded, Raster, grid_of, open_dataset, unit_m
 
 log = logging.getLogger(__name__)
 
@@ -82,9 +82,7 @@ class FigureMap(Gridded):
         if dataset.count != 1:
             raise DemError(f"{path}: has {dataset.count} bands; {kind} has one")
         grid, raster = grid_of(dataset, path), Raster.of_band(dataset, path)
-        unit = (dataset.units[0] or "").strip().lower()
-        metres = 1e3 if unit in ("km", "kilometer", "kilometre") else 1.0
-        scale_m, offset_m = raster.scale_m * metres, raster.offset_m * metres
+        scale_m, offset_m = (unit_m(dataset) * x for x in (raster.scale_m, raster.offset_m))
         figures = Figures(replace(raster, scale_m=scale_m, offset_m=offset_m), meaning)
         return cls(path, grid, figures, files)
 

@@ -17,7 +17,7 @@ from ..errors import LcpError
 from ..pds.label import Label
 from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3
-from .dem import Dem, extremes_step, grid_of_label
+from .dem import Dem, extremes_step, grid_of_label, is_geotiff
 from .grid import Grid, facts_of
 from .pixel_statistics import Extreme, SampleStatistics, sample_statistics
 from .plausibility import doubts
@@ -89,7 +89,7 @@ def _line(error: LcpError) -> str:
 
 def _label_of(path: Path) -> Label | None:
     """The product's label; for a GeoTIFF the one beside it that names it."""
-    if path.suffix.lower() not in (".tif", ".tiff"):
+    if not is_geotiff(path):
         return product_label(path)
     for beside in sorted(path.parent.iterdir()):
         if beside.name.lower() == f"{path.stem.lower()}.lbl":
@@ -98,15 +98,11 @@ def _label_of(path: Path) -> Label | None:
     return None
 
 
-def _is_geotiff(dem: Dem) -> bool:
-    return dem.path.suffix.lower() in (".tif", ".tiff")
-
-
 def _sizes(dem: Dem, label: Label | None) -> list[str]:
     """Problems of the label's sizes; an image that is too short or too long was refused on opening."""
     if label is None:
         return []
-    if _is_geotiff(dem):
+    if is_geotiff(dem.path):
         said, there = (label.lines, label.line_samples), (dem.grid.height, dem.grid.width)
         text = f"has {there[0]} x {there[1]} pixels where its label {label.path.name} states {said[0]} x {said[1]}"
         return [] if said == there else [f"{dem.path}: {text}; {_AGAIN}"]
@@ -237,7 +233,7 @@ def _md5(path: Path, start: int) -> str:
 
 def _map(dem: Dem, label: Label, grid: Grid) -> list[str]:
     """Compare the label's grid with that of the GeoTIFF that it describes."""
-    if not _is_geotiff(dem):
+    if not is_geotiff(dem.path):
         return []
     column, row = dem.grid.pixel(*grid.lonlat(0.0, 0.0))
     away = math.hypot(float(column), float(row))

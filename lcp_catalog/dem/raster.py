@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import threading
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
@@ -300,6 +301,11 @@ def open_dataset(path: Path, kind: str = "a DEM") -> tuple[Any, tuple[Path, ...]
     require_file(path, kind)
     dataset, files = open_raster(path, kind)
     return _dataset(path, dataset), files
+
+
+def unit_m(dataset: Any) -> float:
+    """Metres in the unit of a dataset's first band: of kilometres 1000, of any other 1."""
+    return 1e3 if re.match(r"\s*(km|kilomet(er|re)s?)\s*$", dataset.units[0] or "", re.I) else 1.0
 
 
 def require_file(path: Path, kind: str) -> None:
