@@ -61,7 +61,7 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
             xml = None
             if str(file) == one.name:  # not in an archive
                 xml = _xml(file)
-                for new in (*_sidecars(file), *(() if xml is None else _named(xml, file))):
+                for new in _named(xml, file):
                     if new.name not in seen:
                         todo.append(new)
                         seen.add(new.name)
@@ -111,12 +111,8 @@ class _Named:
         while inner.startswith(_ARCHIVES):
             rest = inner[inner.index("/", 1) :]  # GDAL takes /vsizip/vsitar/ as /vsizip//vsitar/
             inner = rest if rest.startswith("/vsi") else rest[1:].lstrip("{")
-        place = Path(inner)
-        places = [place]
-        if inner != self.name:
-            place = Path(inner.partition("}")[0])
-            places = [*reversed(place.parents), place]
-        for place in places:
+        whole = Path(inner if inner == self.name else inner.partition("}")[0])
+        for place in (*reversed(whole.parents), whole):
             try:
                 if stat.S_ISREG(os.stat(place).st_mode):
                     return place
@@ -137,12 +133,6 @@ def _add(files: dict[Path, None], dataset: Any) -> None:
             files[file] = None
 
 
-def _sidecars(file: Path) -> Iterator[_Named]:
-    for ending in _BESIDE:
-        if os.path.lexists(f"{file}{ending}"):
-            yield _Named(f"{file}{ending}", file, is_raster=ending != _BESIDE[0])
-
-
 def _xml(file: Path) -> ElementTree.Element | None:
     """The content of a VRT or of a sidecar file in XML, None of any other file. DemError if it cannot be read."""
     with file.open("rb") as stream:
@@ -157,12 +147,15 @@ def _xml(file: Path) -> ElementTree.Element | None:
         raise DemError(f"{file}: not a virtual raster that can be read ({error})") from error
 
 
-def _named(root: ElementTree.Element, file: Path) -> Iterator[_Named]:
-    """The files that a VRT or a sidecar file names, as GDAL resolves them."""
+def _named(xml: ElementTree.Element | None, file: Path) -> Iterator[_Named]:
+    """The sidecar files of a file, and the files that its content names, as GDAL resolves them."""
+    for ending in _BESIDE:
+        if os.path.lexists(f"{file}{ending}"):
+            yield _Named(f"{file}{ending}", file, is_raster=ending != _BESIDE[0])
     holder = file
     while holder.is_symlink():
         holder = holder.parent / os.readlink(holder)
-    for parent in root.iter():
+    for parent in () if xml is None else xml.iter():
         for one in parent:
             tag = str(one.tag).lower()  # of a comment it is a function
             given = {key.lower(): value.lower().strip() for key, value in one.attrib.items()}

@@ -62,18 +62,16 @@ class InputFiles:
 
 def _stamp(path: Path) -> tuple[int, ...]:
     try:
-        facts = os.stat(path)
+        return file_state(os.stat(path))
     except OSError as error:
         raise _changed(path) from error
-    return file_state(facts)
 
 
 def _sum(path: Path) -> str:
     try:
-        (facts,) = file_facts([path])
+        return str(file_facts([path])[0]["sha256"])
     except OSError as error:
         raise _changed(path) from error
-    return str(facts["sha256"])
 
 
 def _changed(path: Path) -> AreaFailedError:
