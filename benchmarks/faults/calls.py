@@ -75,7 +75,7 @@ def _tried(given: argparse.Namespace, folder: Path) -> int:
     """Try the commands in processes of their own; print the table."""
     inputs = folder / "inputs"
     inputs.mkdir()
-    _wait(_forked(partial(small_commands.prepare, inputs)))
+    _wait(_forked(partial(small_commands.prepare, inputs, given.only)))
     running: dict[int, str] = {}
     left = sorted(given.only, key=lambda name: small_commands.COMMANDS[name].cold)
     failed: list[str] = []

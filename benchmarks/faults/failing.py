@@ -251,17 +251,22 @@ class Trial:
         place = attempts.place({**self.inputs, **self.old})
         ended = attempts.run(self.line, place, fault)
         found = content_of(place)
-        wrong = (
-            ended.fault or self._wrong_end(ended, fault) or self._wrong_files(found, ended, fault)
-        )
-        if not wrong and ended.code != self.ended.code:
+        wrong = self.wrong(ended, found, fault)
+        same = {**self.inputs, **self.old}, {**self.inputs, **self.whole}
+        if not wrong and found not in same:
             wrong = self._wrong_next(attempts, place, found)
         shutil.rmtree(place)
         if wrong or not ended.failed:
             return wrong or "not reached", ended
+        if ended.code == self.ended.code:
+            return "whole", ended
+        return ("ended" if ended.code < 0 else "refused"), ended
+
+    def wrong(self, ended: Ended, found: Content, fault: Fault) -> str:
+        """What is wrong with how the command ended, or with what it left; empty if nothing is."""
         return (
-            "whole" if ended.code == self.ended.code else "refused" if ended.code == 1 else "ended"
-        ), ended
+            ended.fault or self._wrong_end(ended, fault) or self._wrong_files(found, ended, fault)
+        )
 
     def _wrong_end(self, ended: Ended, fault: Fault) -> str:
         if ended.code == self.ended.code:
@@ -302,10 +307,6 @@ class Trial:
         files = {new for name, new in zip(self.whole, new, strict=True) if not name.endswith("/")}
         if torn or (self.words.together and len(files) > 1):
             return f"neither old nor new: {torn or 'some of both'}"
-        left = [name for name in made if name not in self.whole and name not in self.old]
-        resumable = [name for name in left if ".parts/" in name]
-        if len(left) > len(resumable) and fault.kind != "unlink" and ended.code >= 0:
-            return f"left: {sorted(set(left) - set(resumable))}"
         return ""
 
     def _is_whole(self, name: str, held: bytes | None) -> bool:
@@ -314,17 +315,15 @@ class Trial:
         return held == self.whole[name]
 
     def _wrong_next(self, attempts: Attempts, place: Path, found: Content) -> str:
-        """What is wrong with the next try; one for each content of the folder."""
-        if found == {**self.inputs, **self.old}:
-            return ""
+        """What is wrong with the next try, which also removes what this one left; one for each content."""
         key = hash(frozenset(found.items()))
         if key not in self.seen:
             ended = attempts.run(f"{self.words.line} {self.words.again}", place)
             after = content_of(place)
             made = [name for name in self.whole if not self._is_whole(name, after.get(name))]
+            left = sorted(after.keys() - self.whole.keys() - self.inputs.keys() - self.old.keys())
             self.seen[key] = ""
-            if ended.code != self.ended.code or made:
-                self.seen[key] = (
-                    f"the next try: exit {ended.code}, not whole {made}: {ended.err[-300:]!r}"
-                )
+            if ended.code != self.ended.code or made or left:
+                said = f"exit {ended.code}, not whole {made}, left {left}: {ended.err[-300:]!r}"
+                self.seen[key] = f"the next try: {said}"
         return self.seen[key]

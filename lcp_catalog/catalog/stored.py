@@ -9,7 +9,7 @@ import json
 import os
 import stat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,16 +84,18 @@ class StoredFile:
             text = f"{self.path}: not an HDF5 file, or cut short: {line_of(error)}"
             raise CatalogError(text) from error
         try:
-            with file:  # closing fails if the disk does
-                if file_state(os.fstat(file.id.get_vfd_handle())) != self.stamp:
-                    raise CatalogError("was changed since it was opened; open it again")
-                yield file
+            if file_state(os.fstat(file.id.get_vfd_handle())) != self.stamp:
+                raise CatalogError("was changed since it was opened; open it again")
+            yield file
         except CatalogError as error:
             raise CatalogError(
                 f"{self.path}: {str(error).removeprefix(f'{self.path}: ')}"
             ) from error
         except HDF5_ERRORS as error:
             raise CatalogError(f"{self.path}: is damaged: {line_of(error)}") from error
+        finally:
+            with suppress(*HDF5_ERRORS):  # an error of closing says nothing about what was read
+                file.close()
 
 
 # -- parts of an open file

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -81,8 +82,8 @@ COMMANDS = {
 """By name: the command, and what it is about where there are several of it."""
 
 
-def prepare(folder: Path) -> None:
-    """Write the inputs."""
+def prepare(folder: Path, names: Iterable[str] = COMMANDS) -> None:
+    """Write the inputs of the commands with these names, and some more."""
     products.cylinder(folder / "dem.tif", 2.25, 27.25, (160, 160), 64, real_heights.hadley)
     frame = archive_files.cylinder_frame(2.25, 27.25, 160, 160, 64, 180.0)
     scale = {"MAP_RESOLUTION": 64, "MAP_SCALE": f"{frame.pixel_m:.6g}"}
@@ -96,7 +97,8 @@ def prepare(folder: Path) -> None:
     for name, (west, east) in {"west": (2.1, 3.7), "east": (3.3, 4.9)}.items():
         write_catalog(merges.part(every, west, east), folder / f"{name}.h5")
     write_catalog(navigable.everywhere_usable(20), folder / "usable.h5")
-    _frames(folder)
+    if any("camera" in COMMANDS[name].line or "way.csv" in COMMANDS[name].line for name in names):
+        _frames(folder)
     shutil.copy(SAMPLE / "goniometer_synthetic.csv", folder / "paint.csv")
 
 
