@@ -7,8 +7,10 @@ Moon and the quality of the heights are not checked.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,10 +83,11 @@ def _doubts(dem: Dem, survey: SampleStatistics) -> Iterator[str]:
 
 
 def _line(error: LcpError) -> str:
-    """A fault of the file as one line; an error of the system is raised."""
-    if isinstance(error.__cause__, OSError) and error.__cause__.errno:
+    """A fault of the file as one line; that the system does not open it is raised. GDAL says so in its text alone."""
+    text = " ".join(str(error).split())
+    if any(os.strerror(code) in text for code in (errno.EIO, errno.EMFILE, errno.EACCES)):
         raise error
-    return " ".join(str(error).split())
+    return text
 
 
 def _label_of(path: Path) -> Label | None:
@@ -192,11 +195,8 @@ def _extremes(dem: Dem, label: Label, survey: SampleStatistics) -> list[str]:
     ):
         if said is None or found is None:
             continue
-        as_samples, as_metres = (
-            abs(said - found.value),
-            abs(said / dem.raster.scale_m - found.value),
-        )
-        if min(as_samples, as_metres) > step:
+        away = min(abs(said / scale - found.value) for scale in (1.0, dem.raster.scale_m))
+        if away > step:
             problems.append(
                 f"states {key} {said:g} where the pixels of {dem.path.name} have {found.value:g}; {_AGAIN}"
             )
