@@ -21,7 +21,7 @@ from .value_types import PLACE, POSITIVE, Number
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.production.config import ModelConfig
-    from lcp_catalog.simulation.detector import Detector
+    from lcp_catalog.simulation.output import Detector
 
 BITS = ("8", "10", "12", "14", "16")
 
@@ -47,7 +47,7 @@ def _detector(
     bits: str,
     seed: int,
 ) -> Detector:
-    from lcp_catalog.simulation.detector import Detector
+    from lcp_catalog.simulation.output import Detector
 
     return Detector(
         blur_px=blur_px,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from .production.run import build_catalog as build_catalog
     from .production.run import merge as merge
     from .rendering.public import render as render
-    from .simulation.detector import Detector as Detector
+    from .simulation.output import Detector as Detector
     from .simulation.output import simulate as simulate
     from .tradeoff.report import trade as trade
     from .validation.run import validate as validate
@@ -55,7 +55,7 @@ _MODULES = {
     "Catalog": "catalog.catalogue",
     "DemInfo": "dem.public",
     "DemSet": "dem.mosaic",
-    "Detector": "simulation.detector",
+    "Detector": "simulation.output",
     "Fix": "matching.position_fix",
     "Image": "images.image",
     "LcpError": "errors",

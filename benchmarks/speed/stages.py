@@ -17,7 +17,7 @@ from benchmarks.places import ROOT
 LIBRARY: dict[str, str] = {
     "dem": "terrain",
     "terrain.terrain": "terrain",
-    "terrain.surroundings": "terrain",
+    "terrain.relief_bounds": "terrain",
     "terrain.far_terrain": "terrain",
     "landmarks.corners": "corners",
     "terrain.occlusion": "shadows",

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
-from ..geometry.frames import EnuFrame
-from ..geometry.rotations import (
+from ..geometry.frames import (
+    EnuFrame,
     apart_rad,
     between,
     by_vector,

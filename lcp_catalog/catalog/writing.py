@@ -5,6 +5,8 @@ A file on disk that HDF5 writes without seeing an error: it leaves a file that i
 and crashes on it when the interpreter exits.
 
 Rows of datasets that are compressed by threads: HDF5 itself runs its filters in one thread at a time.
+
+Signals that wait: handlers in Python must not raise inside HDF5, which then crashes.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ import errno
 import io
 import itertools
 import os
+import signal
+import threading
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,7 +33,6 @@ import numpy as np
 from ..arrays import AnyArray, Bytes
 from ..atomic_files import write_aside
 from ..errors import CatalogError
-from ..held_signals import HeldSignals
 from ..threads import thread_count
 from .catalogue import Catalog, attributes, group_attributes, values
 from .checks import first_few, lines, part_findings, shape_problems
@@ -47,6 +50,58 @@ from .integrity import (
 from .maps import coverage_levels, coverage_map
 from .model import Coverage, Promise
 from .schema import CRS, GROUPS, TEXT, Values, Variable, grid_mapping, key, variable_attributes
+
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+class HeldSignals:
+    """A context in which SIGINT, SIGTERM and SIGHUP wait for `release` or its end; only in the main
+    thread, which alone gets them.
+    """
+
+    def __init__(self) -> None:
+        self._handlers: dict[int, Callable[[int, Any], Any]] = {}
+        self._held: list[int] = []
+
+    def __enter__(self) -> HeldSignals:
+        self._hold_all()
+        return self
+
+    def _hold_all(self) -> None:
+        if threading.current_thread() is threading.main_thread():
+            for name in _SIGNALS:
+                number = getattr(signal, name, None)  # Windows has no SIGHUP
+                handler = None if number is None else signal.getsignal(number)
+                if number is not None and callable(handler):
+                    self._handlers[number] = handler
+                    signal.signal(number, self._hold)
+
+    def __exit__(self, *_: object) -> None:
+        self._hold_none()
+
+    @contextmanager
+    def let_through(self) -> Iterator[None]:
+        """A context within this one in which signals are handled at once: for long work without HDF5."""
+        self._hold_none()
+        try:
+            yield
+        finally:
+            self._hold_all()
+
+    def _hold_none(self) -> None:
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+        self.release()
+
+    def release(self) -> None:
+        """Handle the signals that have come."""
+        while self._held:
+            number = self._held.pop(0)
+            self._handlers[number](number, None)
+
+    def _hold(self, number: int, _frame: Any) -> None:
+        self._held.append(number)
+
 
 _WAITING_BYTES = 2**25
 """Most bytes of chunks that are compressed, or wait for it, at a time."""

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Float32
 from ..cameras.camera_file import read_sensor
-from ..cameras.map_projected import MapImage
-from ..cameras.sensor import ON_MAP, Sensor
+from ..cameras.sensor import ON_MAP, MapImage, Sensor
 from ..cameras.view import center_of
 from ..choices import ENCODINGS
 from ..dem.dem import Dem

@@ -48,8 +48,7 @@ from ..catalog.prediction import Prediction, predict
 from ..ephemeris.times import instants
 from ..errors import CameraError, ConfigError, SunError
 from ..geometry.ellipses import error_ellipses
-from ..geometry.frames import EnuFrame, azimuth_elevation, enu_rotation, mcmf_to_lonlat
-from ..geometry.rotations import turned
+from ..geometry.frames import EnuFrame, azimuth_elevation, enu_rotation, mcmf_to_lonlat, turned
 from ..light.sun_choice import SunChoice, SunStated
 from ..matching.joint_detection import JointDetection, joint_detection
 from ..matching.point_choice import LEAST_SIGMA_PX, points_in_view

@@ -24,7 +24,7 @@ from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.heightfield import Window
-from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, surroundings
+from ..terrain.relief_bounds import SunRays, build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Ground, Terrain, sample_patches
 from .config import BuildConfig
 from .evaluation import Evaluation, PlaceErrors, evaluate, image_scales

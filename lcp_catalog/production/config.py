@@ -212,7 +212,7 @@ class DemConfig:
         "where it has no value: estimated from the heights of each DEM.",
     )
     only_resolving: bool = meant(
-        False,  # `terrain.useful_cell.resolves`
+        False,  # `terrain.terrain.resolves`
         "Points only where the DEM resolves the cells; so is every level of several.",
     )
 

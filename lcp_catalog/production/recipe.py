@@ -23,7 +23,7 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_model import law_file
 from ..photometry.laws import LawChoice
 from ..terrain.area import Area
-from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
+from ..terrain.terrain import Cell, finest_cell, resolves, useful_cell
 from .config import BuildConfig, ModelConfig
 from .sweep import law_of_build
 

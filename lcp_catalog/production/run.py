@@ -45,8 +45,8 @@ from ..errors import AreaError, AreaFailedError, ConfigError, SunError
 from ..landmarks.corners import GROUP_EXTRA
 from ..photometry.facet_model import law_file
 from ..terrain.area import Area, NodeWindow
-from ..terrain.surroundings import most_nodes
-from ..terrain.useful_cell import Cell, warn_of_region
+from ..terrain.relief_bounds import most_nodes
+from ..terrain.terrain import Cell, warn_of_region
 from .area_job import AreaJob, conditions_at, run_area
 from .assembly import Assembly
 from .camera_views import Seen, for_images

@@ -26,8 +26,16 @@ from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoCover, AlbedoMap, ColourMap
 from ..photometry.laws import DEFAULT_MODEL, LawChoice, Reflectance, radiance_under
 from ..terrain.far_terrain import FarTerrain
-from ..terrain.relief_bounds import Box, Relief, Ring, Steepness, nodes_enu, tangent_of
-from ..terrain.surroundings import CELL_SHARE, HORIZON_RMS_DEG
+from ..terrain.relief_bounds import (
+    CELL_SHARE,
+    HORIZON_RMS_DEG,
+    Box,
+    Relief,
+    Ring,
+    Steepness,
+    nodes_enu,
+    tangent_of,
+)
 from ..terrain.terrain import Terrain
 
 NORMAL_ROUNDING_RAD = 2.0**-24

@@ -30,9 +30,8 @@ from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
-from ..terrain.surroundings import SunRays, build_surrounded, surroundings
-from ..terrain.terrain import Terrain, terrain_from_area
-from ..terrain.useful_cell import warn_of_region
+from ..terrain.relief_bounds import SunRays, build_surrounded, surroundings
+from ..terrain.terrain import Terrain, terrain_from_area, warn_of_region
 from . import decisions
 from .decisions import Decision
 from .placement import RING_MAX_M, area_of, cells_extent, place_on_terrain

@@ -20,6 +20,7 @@ from ..cameras.view import CameraView, MovingView, ParallelView, ScannerView, Vi
 from ..constants import SOLAR_RADIUS_RAD
 from ..photometry.laws import DEFAULT_MODEL, SLOPE_RMS, LawChoice, Reflectance, choose
 from ..terrain.relief_bounds import (
+    REACH_MAX_M,
     Relief,
     Steepness,
     core_box,
@@ -29,7 +30,6 @@ from ..terrain.relief_bounds import (
     ring_of,
     tangent_of,
 )
-from ..terrain.surroundings import REACH_MAX_M
 from ..terrain.terrain import Terrain
 from . import decisions as effects
 from .decisions import (

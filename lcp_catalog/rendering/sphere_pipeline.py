@@ -39,9 +39,8 @@ from ..cameras.frame_camera import Camera
 from ..cameras.view import CameraView, View
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..errors import SunError
-from ..geometry import sphere_intersection
-from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
-from ..geometry.sphere_intersection import limb_angle, nadir_angles
+from ..geometry import frames
+from ..geometry.frames import EnuFrame, enu_rotation, limb_angle, mcmf_to_lonlat, nadir_angles
 from ..kernels import sphere_rays as kernel
 from ..light.sources import Lighting, LightSource
 from ..photometry.albedo_map import AlbedoMap, ColourMap
@@ -270,7 +269,7 @@ def render_sphere_camera(
     """Render the camera's plane, float64. ``light`` is in the frame's axes; ``extent_m`` (west, east,
     south, north in its plane): nothing outside is rendered. Raises the errors of `render_sphere_enu`.
     """
-    height = float(sphere_intersection.heights(camera.position_mcmf_m))
+    height = float(frames.heights(camera.position_mcmf_m))
     require_above(camera.name, height)
     rows, cols = camera.shape
     out = _empty((rows, cols), np.float64, albedo)
@@ -341,7 +340,7 @@ def check_camera(frame: EnuFrame, view: View) -> None:
     if not isinstance(view, CameraView):
         return
     name = view.camera.name if view.camera else "the view"
-    require_above(name, float(sphere_intersection.heights(frame.to_mcmf(view.position_m))))
+    require_above(name, float(frames.heights(frame.to_mcmf(view.position_m))))
 
 
 def _require_light(result: Rendering, light: Lighting) -> None:
@@ -363,14 +362,14 @@ def _look(camera: Camera, rows: slice, pixel_rad: float) -> tuple[Array, Array, 
     rays[near] = np.where(
         share[:, None] > 0.0, camera.rays(np.where(share[:, None] > 0.0, middle, 0.0)), rays[near]
     )
-    found, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
+    found, points = frames.hits(camera.position_mcmf_m, rays)
     shares = np.isfinite(found).astype(np.float64)
     shares[near] = share
     missed = (shares > 0.0) & np.isnan(found)  # by rounding: the limb itself
     if missed.any():
         along = np.maximum(-(rays[missed] @ camera.position_mcmf_m), 0.0)
         nearest = camera.position_mcmf_m + along[:, None] * rays[missed]
-        points[missed] = sphere_intersection.on_sphere(nearest)
+        points[missed] = frames.on_sphere(nearest)
     return shares, points, rays
 
 
@@ -556,7 +555,7 @@ def _sample(request: Request, place: SpherePlace) -> tuple[Array, Array, Array]:
     if request.in_camera_plane and camera is not None:
         rows, cols = (np.unique(np.linspace(0, n - 1, _SAMPLES).round()) for n in camera.shape)
         rays = camera.rays(np.stack(np.meshgrid(cols, rows), axis=-1)).reshape(-1, 3)
-        away, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
+        away, points = frames.hits(camera.position_mcmf_m, rays)
         seen = np.isfinite(away)
         if not seen.any():
             away, points, rays = _under(camera)
@@ -578,9 +577,9 @@ def _sample(request: Request, place: SpherePlace) -> tuple[Array, Array, Array]:
 
 
 def _under(camera: Camera) -> tuple[Array, Array, Array]:
-    """The point below a camera, as from `sphere_intersection.hits`: for an image whose samples are sky."""
+    """The point below a camera, as from `frames.hits`: for an image whose samples are sky."""
     down = -camera.position_mcmf_m[None] / np.linalg.norm(camera.position_mcmf_m)
-    return (*sphere_intersection.hits(camera.position_mcmf_m, down), down)
+    return (*frames.hits(camera.position_mcmf_m, down), down)
 
 
 def _choose(
@@ -591,7 +590,7 @@ def _choose(
     lit = points[:: max(1, len(points) // _SAMPLES)], towards[:: max(1, len(points) // _SAMPLES)]
     up = np.sum(lit[0] * sun, axis=-1) > 0.0
     up |= not up.any()
-    lon, lat = sphere_intersection.lonlat(lit[0][up])
+    lon, lat = frames.lonlat(lit[0][up])
     turned = enu_rotation(lon, lat)
     suns = np.array([rotation @ sun for rotation in turned])
     cameras = np.array([r @ d for r, d in zip(turned, lit[1][up], strict=True)])
@@ -601,7 +600,7 @@ def _choose(
 def _albedo_decision(
     albedo: AlbedoMap | ColourMap, frame: EnuFrame, points: Array, pixel_m: Array
 ) -> Decision:
-    lon, lat = sphere_intersection.lonlat(points)
+    lon, lat = frames.lonlat(points)
     cover = albedo.cover_at(lon, lat, float(np.median(pixel_m)))
     where = f"around {frame.lon_deg:.6g}, {frame.lat_deg:.6g}"
     return decisions.albedo(albedo, albedo.check_cover(cover, where))

@@ -14,8 +14,7 @@ from helpers import catalogs
 
 from lcp_catalog.catalog import catalogue
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.writing import new_catalog
-from lcp_catalog.held_signals import HeldSignals
+from lcp_catalog.catalog.writing import HeldSignals, new_catalog
 
 
 def send_soon(sent: list[float]) -> None:

@@ -21,7 +21,7 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation
-from lcp_catalog.simulation.detector import BITS_MAX, BLUR_MAX_PX
+from lcp_catalog.simulation.output import BITS_MAX, BLUR_MAX_PX
 
 POINT = ["--sun", "point"]
 

@@ -15,7 +15,7 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation import output as simulate
-from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.output import Detector
 
 from .catalogs import HADLEY
 from .twins_match import catalog_of_dem, looking_at

@@ -31,9 +31,9 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.detector import Detector
 from lcp_catalog.simulation.output import (
     DemSurface,
+    Detector,
     PatchSurface,
     SimulatedFrame,
     frame,

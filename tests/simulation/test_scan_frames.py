@@ -18,8 +18,7 @@ from lcp_catalog.cameras.frame_camera import Camera, fields_of_plane
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError, CameraError
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.output import DemSurface, PatchSurface, frame
+from lcp_catalog.simulation.output import DemSurface, Detector, PatchSurface, frame
 
 WHERE = {"place": (PLACE.lon_deg, PLACE.lat_deg), "subsolar": (230.0, -10.0)}
 

@@ -36,10 +36,10 @@ from lcp_catalog.production.config import (
 from lcp_catalog.production.evaluation import evaluate
 from lcp_catalog.production.run import Build
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.terrain import surroundings as module
+from lcp_catalog.terrain import relief_bounds as module
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.far_terrain import Nodes
-from lcp_catalog.terrain.surroundings import (
+from lcp_catalog.terrain.relief_bounds import (
     CELL_SHARE,
     HORIZON_RMS_DEG,
     NEAR_NODES,

@@ -22,7 +22,7 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.output import Detector
 from lcp_catalog.simulation.output import simulated_image as simulated
 from lcp_catalog.validation import ground_comparison
 from lcp_catalog.validation.ground_comparison import (
