@@ -32,7 +32,7 @@ from lcp_catalog.matching.point_search import SearchImage, find_points
 from lcp_catalog.matching.templates import render_patches
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.output import Detector, simulated_image
 from lcp_catalog.terrain.area import NodeWindow
@@ -133,7 +133,7 @@ def light(rounds: int) -> list[Row]:
     planes = np.ascontiguousarray(np.moveaxis(ground.field.normals(ground.field.whole), -1, 0))
     for name in LAWS:
         law = reflectance_model(name)
-        render = partial(render_enu, ground, model=law, accuracy=TIERS["standard"])
+        render = partial(render_enu, ground, how=Method(law, accuracy=TIERS["standard"]))
         shot = render(towards, nadir_view())
         lit = np.zeros_like(shot.sunlit), planes, towards, np.asarray(nadir_view().direction)
         tasks: dict[str, Task] = {

@@ -31,6 +31,17 @@ SCHEMA_VERSION = "3.0"
 PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 """Variables stored as small whole numbers; the catalogue in memory holds them unpacked."""
 
+FIGURES = (
+    "harris_response",
+    "second_peak",
+    "false_match_probability",
+    "gsd_min",
+    "gsd_max",
+    "shadow_dependence",
+    "occlusion_dependence",
+)
+"""Variables of one figure for each point over its usable conditions."""
+
 OPTIONAL_GROUPS = (
     "promise",
     "overview_2",

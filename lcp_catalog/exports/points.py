@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import AnyArray, Array, Index
 from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import patch_nodes
-from ..catalog.schema import VARIABLES, evaluated, usable
+from ..catalog.schema import FIGURES, VARIABLES, evaluated, usable
 from ..errors import AreaError, MissingPackageError
 from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
@@ -169,13 +169,7 @@ _STORED = (
     "dem_product",
     "elevation_sigma",
     "dem_resolution",
-    "harris_response",
-    "second_peak",
-    "false_match_probability",
-    "gsd_min",
-    "gsd_max",
-    "shadow_dependence",
-    "occlusion_dependence",
+    *FIGURES,
 )
 """Variables that a table has as they are."""
 

@@ -202,7 +202,7 @@ def render_patches(
     Raises
     ------
     SunError
-        Without a Sun.
+        If ``sun_directions`` is None and the sensor has no Sun.
 
     Examples
     --------

@@ -19,6 +19,7 @@ from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.prediction import SunCells
 from ..catalog.schema import (
     EVALUATED,
+    FIGURES,
     LOCALIZABLE,
     PACKED,
     UNIQUE,
@@ -52,17 +53,6 @@ TABLE = np.dtype(
 _LEAST_CHANCE = 1e-6
 """Detection probability that stands for 0 in a logarithm."""
 
-_FIGURES = (
-    "elevation",
-    "harris_response",
-    "second_peak",
-    "false_match_probability",
-    "gsd_min",
-    "gsd_max",
-    "shadow_dependence",
-    "occlusion_dependence",
-)
-
 
 @dataclass(frozen=True)
 class FinishedArea:
@@ -84,7 +74,7 @@ def record_type(config: BuildConfig) -> np.dtype[np.void]:
     side = config.points.patch_nodes
     shape = (len(config.view), len(config.sun.elevations_deg), len(config.sun.azimuths_deg))
     scaled = (len(image_scales(config.points.patch_nodes)), *shape)
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(_FIGURES, ())
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("elevation", *FIGURES), ())
     shapes |= {"localization_sigma": (2,), "condition": shape, "dem": (side, side)}
     shapes |= {"albedo": (side, side)} if config.model.albedo else {}
     shapes |= dict.fromkeys(PACKED, scaled)

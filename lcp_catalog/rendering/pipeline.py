@@ -36,7 +36,7 @@ from . import decisions
 from .decisions import Decision
 from .placement import RING_MAX_M, area_of, cells_extent, place_on_terrain
 from .plan import ScenePlan, choose_model, parallel_view, plan_scene, ring_decision
-from .renderer import Rendering, render_camera, render_enu
+from .renderer import Method, Rendering, render_camera, render_enu
 from .request import Backdrop, Request, composite
 from .scene import Scene, require_visible
 from .sphere_pipeline import SphereScene, prepare_sphere, render_sphere_camera, render_sphere_enu
@@ -177,7 +177,7 @@ class HeightfieldScene(Scene):
     def _expose_terrain(self) -> Rendering:
         request = self.request
         if not request.in_camera_plane:
-            return render_enu(self.terrain, self.light, self.view, **self._how)
+            return render_enu(self.terrain, self.light, self.view, self._how)
         if isinstance(self.view, ScannerView):
             return self.picture(self.view.scanner)
         result = self.picture(self.camera)
@@ -197,14 +197,14 @@ class HeightfieldScene(Scene):
             return render_scan(
                 camera,
                 self.moving,
-                lambda part, light: render_camera(self.terrain, part, light, **self._how),
+                lambda part, light: render_camera(self.terrain, part, light, self._how),
             )
-        return render_camera(self.terrain, camera, self.light, **self._how)
+        return render_camera(self.terrain, camera, self.light, self._how)
 
     @property
-    def _how(self) -> dict[str, Any]:
-        how: dict[str, Any] = {"model": self.model, "accuracy": self.request.accuracy}
-        return how | {"plan": self.plan, "albedo": self.request.albedo}
+    def _how(self) -> Method:
+        request = self.request
+        return Method(self.model, accuracy=request.accuracy, plan=self.plan, albedo=request.albedo)
 
 
 def render(request: Request) -> Rendering:

@@ -25,10 +25,10 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
-from ..cameras.view import CameraView, ParallelView, ScannerView, View, camera_view, sensor_view
+from ..cameras.view import CameraView, ParallelView, ScannerView, View, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
-from ..light.bounced_light import Brightness, bounced_at_points, sky_at_nodes, sky_at_points
+from ..light.bounced_light import bounced_at_points, sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_horizon
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
@@ -81,91 +81,34 @@ class Rendering:
     colour: Band | None = None
 
 
+@dataclass(frozen=True)
+class Method:
+    """How terrain is rendered. ``shadows``: False leaves out cast shadows, not attached shadow. ``disc``:
+    True for the disc of a Sun that is given as a direction. ``plan``: None: made for the scene.
+    """
+
+    model: Reflectance = DEFAULT_MODEL
+    shadows: bool = True
+    accuracy: Accuracy = TIERS["reference"]
+    disc: bool = False
+    plan: ScenePlan | None = None
+    albedo: Albedo | None = None
+
+
 def render_enu(
-    terrain: Terrain,
-    light: Lighting | Array,
-    view: View,
-    *,
-    model: Reflectance = DEFAULT_MODEL,
-    shadows: bool = True,
-    accuracy: Accuracy = TIERS["reference"],
-    disc: bool = False,
-    plan: ScenePlan | None = None,
-    albedo: Albedo | None = None,
+    terrain: Terrain, light: Lighting | Array, view: View, how: Method = Method()
 ) -> Rendering:
     """Render the nodes of the terrain's core, float32.
 
-    ``light``: a `Lighting`, or the direction (3,) to a single Sun; ``disc``: True for its disc. With
-    the view of a camera a node is visible only inside the image. ``shadows=False`` leaves out cast
-    shadows, not attached shadow. CameraError if the camera is below the terrain, SunError if the
-    Sun is below every horizon.
+    ``light``: a `Lighting`, or the direction (3,) to a single Sun. With the view of a camera a node is
+    visible only inside the image. CameraError if the camera is below the terrain, SunError if the Sun is
+    below every horizon.
     """
-    light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
-    sun, disc = light.first.direction.vector, light.first.disc is not None
-    plan = plan or plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, model=model)
-    light = light_above_horizon(terrain, light)
-    check_camera(terrain, view)
-    field, (row0, row1, col0, col1) = terrain.field, terrain.core
-    lights = [
-        (source, _share_at_nodes(terrain, source, cast, accuracy))
-        for source, cast in _planned(light, plan, shadows)
-    ]
-    sunlit = lights[0][1]
-    seen = _in_sight(terrain, view, plan, accuracy)
-    parallel = _as_planned(terrain, view, plan)
-    one_way = parallel.direction if isinstance(parallel, ParallelView) else None
-    quick = None if accuracy.float64 or view.camera else one_way
-    angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
-    for row in range(row0, row1, _BLOCK_ROWS):  # limits the memory for float64 vectors
-        window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
-        rows = slice(window[0] - row0, window[1] - row0)
-        stored = field.normals(window)
-        if quick is not None:
-            bands = _bands_parallel(stored, lights, rows, quick, seen, model)
-            for band, values in zip(angles, bands, strict=True):
-                band[rows] = values
-            continue
-        points, normals = nodes_enu(field, window), stored.astype(np.float64)
-        towards = view.directions(points) if one_way is None else one_way
-        sunlit[rows] *= np.sum(normals * sun, axis=-1) > 0
-        seen[rows] &= np.sum(normals * towards, axis=-1) > 0
-        if isinstance(view, ScannerView) and plan.occlusion.modelled:
-            seen[rows] &= ~field.occluded_nodes_towards(towards, window)
-        if view.sensor is not None:
-            pixels = view.sensor.project(terrain.frame.to_mcmf(points))
-            seen[rows] &= view.sensor.in_image(pixels)
-        first = light.first.irradiance * sunlit[rows]
-        bands = _bands(normals, sun, towards, first, seen[rows], model)
-        for source, share in lights[1:]:
-            bands[0][...] += _radiance(normals, source, towards, share[rows], model)
-        for band, values in zip(angles, bands, strict=True):
-            band[rows] = values
-    radiance, incidence, emission, phase = angles
-    radiance += _under_sky(terrain, light, parallel, model, accuracy, shadows)
-    if plan.bounces:
-        dark = seen & ~(sunlit > 0.0) & np.isfinite(radiance)
-        at, ground = _nodes_at(terrain, parallel, dark), _brightness(terrain, albedo)
-        radiance[dark] += bounced_at_points(terrain, light, at, model, accuracy, ground)
-    colour = None
-    if albedo is not None:
-        radiance, colour = in_colour(radiance * albedo.at_nodes(terrain))
-    height = field.z_m[row0:row1, col0:col1]
-    return Rendering(
-        radiance, sunlit, seen, incidence, emission, phase, height_m=height, colour=colour
-    )
+    return _Shot.of(terrain, light, view, how).at_nodes(view)
 
 
 def render_camera(
-    terrain: Terrain,
-    camera: Camera | Scanner,
-    light: Lighting | Array,
-    *,
-    model: Reflectance = DEFAULT_MODEL,
-    shadows: bool = True,
-    accuracy: Accuracy = TIERS["reference"],
-    disc: bool = False,
-    plan: ScenePlan | None = None,
-    albedo: Albedo | None = None,
+    terrain: Terrain, camera: Camera | Scanner, light: Lighting | Array, how: Method = Method()
 ) -> Rendering:
     """Render the camera's plane by the first hit of every pixel's ray, float64; ``light`` as in `render_enu`.
     Each line of a scanner is seen from its own position, all under one light (`pipeline` divides an image).
@@ -173,46 +116,225 @@ def render_camera(
     Normals are interpolated between nodes. Terrain outside the core can hide the core, but is not
     rendered. A hit is visible even if its interpolated normal faces away (its emission is then 90 deg).
     """
-    light = light if isinstance(light, Lighting) else Lighting.of_sun(light, disc)
-    sun, disc = light.first.direction.vector, light.first.disc is not None
-    if plan is None:
-        view = sensor_view(camera, terrain.frame)
-        plan = plan_scene(
-            terrain, sun, view, in_camera_plane=True, accuracy=accuracy, disc=disc, model=model
+    view = sensor_view(camera, terrain.frame)
+    return _Shot.of(terrain, light, view, how, in_camera_plane=True).of_pixels(camera)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shot:
+    """Terrain under a light, of which sources below every horizon have no irradiance."""
+
+    terrain: Terrain
+    light: Lighting
+    plan: ScenePlan
+    how: Method
+
+    @classmethod
+    def of(
+        cls,
+        terrain: Terrain,
+        light: Lighting | Array,
+        view: View,
+        how: Method,
+        in_camera_plane: bool = False,
+    ) -> _Shot:
+        """Raises as `render_enu`."""
+        light = light if isinstance(light, Lighting) else Lighting.of_sun(light, how.disc)
+        plan = how.plan or plan_scene(
+            terrain,
+            light.first.direction.vector,
+            view,
+            in_camera_plane=in_camera_plane,
+            accuracy=how.accuracy,
+            disc=light.first.disc is not None,
+            model=how.model,
         )
-    light = light_above_horizon(terrain, light)
-    if isinstance(camera, Camera):
-        check_camera(terrain, camera_view(camera, terrain.frame))
-    origin, rays = camera.rays_enu(terrain.frame)
-    points = _first_hits(terrain, origin, rays)
-    seen = _in_core(terrain, points)
-    normals = np.full(points.shape, np.nan)
-    normals[seen] = terrain.field.normals_at(points[seen][:, 0], points[seen][:, 1])
-    seen &= ~np.isnan(normals[..., 0])
-    points[~seen] = np.nan
-    (first, cast), *others = _planned(light, plan, shadows)
-    sunlit = _share_at_points(terrain, points, normals, first, cast, accuracy)
-    bands = _bands(normals, sun, -rays, light.first.irradiance * sunlit, seen, model)
-    for source, cast in others:
-        share = _share_at_points(terrain, points, normals, source, cast, accuracy)
-        bands[0][...] += _radiance(normals, source, -rays, share, model)
-    if light.sky is not None:
-        at = SurfacePoints(points[seen], normals[seen], -rays[seen])
-        bands[0][seen] += sky_at_points(terrain, light.sky, at, model, accuracy, shadows)
-    if plan.bounces:
-        dark = seen & (sunlit == 0.0)
-        at = SurfacePoints(points[dark], normals[dark], -rays[dark])
-        ground = _brightness(terrain, albedo)
-        bands[0][dark] += bounced_at_points(terrain, light, at, model, accuracy, ground)
-    radiance: Band = bands[0]
-    colour = None
-    if albedo is not None:
-        factors = albedo.at_points(terrain, points[seen])
-        bright = np.broadcast_to(radiance, (*factors.shape[:-1], *seen.shape)).copy()
-        bright[..., seen] *= factors
-        radiance, colour = in_colour(bright)
-    position = terrain.frame.to_mcmf(points)
-    return Rendering(radiance, sunlit, seen, *bands[1:], position_mcmf_m=position, colour=colour)
+        shot = cls(terrain, light_above_horizon(terrain, light), plan, how)
+        check_camera(terrain, view)
+        return shot
+
+    def at_nodes(self, view: View) -> Rendering:
+        """The render of the core's nodes."""
+        terrain, model, sun = self.terrain, self.how.model, self.light.first.direction.vector
+        field, (row0, row1, col0, col1) = terrain.field, terrain.core
+        lights = [(source, self._share_at_nodes(source, cast)) for source, cast in self._planned]
+        sunlit, seen = lights[0][1], self._in_sight(view)
+        parallel = self._as_planned(view)
+        one_way = parallel.direction if isinstance(parallel, ParallelView) else None
+        quick = None if self.how.accuracy.float64 or view.camera else one_way
+        angles = [np.empty(seen.shape, dtype=np.float32) for _ in range(4)]
+        for row in range(row0, row1, _BLOCK_ROWS):  # limits the memory for float64 vectors
+            window = (row, min(row + _BLOCK_ROWS, row1), col0, col1)
+            rows = slice(window[0] - row0, window[1] - row0)
+            stored = field.normals(window)
+            if quick is not None:
+                bands = _bands_parallel(stored, lights, rows, quick, seen, model)
+                for band, values in zip(angles, bands, strict=True):
+                    band[rows] = values
+                continue
+            points, normals = nodes_enu(field, window), stored.astype(np.float64)
+            towards = view.directions(points) if one_way is None else one_way
+            sunlit[rows] *= np.sum(normals * sun, axis=-1) > 0
+            seen[rows] &= np.sum(normals * towards, axis=-1) > 0
+            if isinstance(view, ScannerView) and self.plan.occlusion.modelled:
+                seen[rows] &= ~field.occluded_nodes_towards(towards, window)
+            if view.sensor is not None:
+                pixels = view.sensor.project(terrain.frame.to_mcmf(points))
+                seen[rows] &= view.sensor.in_image(pixels)
+            bands = self._bands(normals, towards, sunlit[rows], seen[rows])
+            for source, share in lights[1:]:
+                bands[0][...] += _radiance(normals, source, towards, share[rows], model)
+            for band, values in zip(angles, bands, strict=True):
+                band[rows] = values
+        radiance, incidence, emission, phase = angles
+        radiance += self._under_sky(parallel)
+        if self.plan.bounces:
+            dark = seen & ~(sunlit > 0.0) & np.isfinite(radiance)
+            radiance[dark] += self._bounced(_nodes_at(terrain, parallel, dark))
+        colour, albedo = None, self.how.albedo
+        if albedo is not None:
+            radiance, colour = in_colour(radiance * albedo.at_nodes(terrain))
+        height = field.z_m[row0:row1, col0:col1]
+        return Rendering(
+            radiance, sunlit, seen, incidence, emission, phase, height_m=height, colour=colour
+        )
+
+    def of_pixels(self, camera: Camera | Scanner) -> Rendering:
+        """The render of a camera's plane."""
+        terrain, model = self.terrain, self.how.model
+        origin, rays = camera.rays_enu(terrain.frame)
+        points = _first_hits(terrain, origin, rays)
+        seen = _in_core(terrain, points)
+        normals = np.full(points.shape, np.nan)
+        normals[seen] = terrain.field.normals_at(points[seen][:, 0], points[seen][:, 1])
+        seen &= ~np.isnan(normals[..., 0])
+        points[~seen] = np.nan
+        sunlit, *others = (
+            self._share_at_points(points, normals, source, cast) for source, cast in self._planned
+        )
+        bands = self._bands(normals, -rays, sunlit, seen)
+        for source, share in zip(self.light.others, others, strict=True):
+            bands[0][...] += _radiance(normals, source, -rays, share, model)
+        if self.light.sky is not None:
+            at = SurfacePoints(points[seen], normals[seen], -rays[seen])
+            bands[0][seen] += sky_at_points(
+                terrain, self.light.sky, at, model, self.how.accuracy, self.how.shadows
+            )
+        if self.plan.bounces:
+            dark = seen & (sunlit == 0.0)
+            at = SurfacePoints(points[dark], normals[dark], -rays[dark])
+            bands[0][dark] += self._bounced(at)
+        radiance: Band = bands[0]
+        colour, albedo = None, self.how.albedo
+        if albedo is not None:
+            factors = albedo.at_points(terrain, points[seen])
+            bright = np.broadcast_to(radiance, (*factors.shape[:-1], *seen.shape)).copy()
+            bright[..., seen] *= factors
+            radiance, colour = in_colour(bright)
+        position = terrain.frame.to_mcmf(points)
+        return Rendering(
+            radiance, sunlit, seen, *bands[1:], position_mcmf_m=position, colour=colour
+        )
+
+    @property
+    def _planned(self) -> list[tuple[LightSource, bool]]:
+        """The sources, each with True if cast shadows are computed for it. The plan decides about shadow
+        and disc of the first source; for the others both are always modelled.
+        """
+        disc, shadows = self.plan.solar_disc.modelled, self.how.shadows
+        first = self.light.first if disc else replace(self.light.first, disc=None)
+        modelled = disc or self.plan.cast_shadows.modelled
+        return [
+            (first, shadows and modelled),
+            *((source, shadows) for source in self.light.others),
+        ]
+
+    def _share_at_nodes(self, source: LightSource, shadows: bool) -> Band:
+        """Share of a source above the terrain's horizon at the core's nodes, float32; 1 without ``shadows``,
+        0 for a source without irradiance.
+        """
+        field, core, far = self.terrain.field, self.terrain.core, self.terrain.far
+        if source.irradiance == 0.0 or not shadows:
+            row0, row1, col0, col1 = core
+            share = 0.0 if source.irradiance == 0.0 else 1.0
+            return np.full((row1 - row0, col1 - col0), share, dtype=np.float32)
+        if source.disc is not None:
+            return sunlit_share(field, source.direction, self.how.accuracy, core, source.disc, far)
+        dark = occluded(field, source.direction, self.how.accuracy, core, far)
+        return (~dark).astype(np.float32)
+
+    def _share_at_points(
+        self, points: Array, normals: Array, source: LightSource, shadows: bool
+    ) -> Array:
+        """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 for points
+        that face away.
+        """
+        field, far = self.terrain.field, self.terrain.far
+        share = np.where(np.sum(normals * source.direction.vector, axis=-1) > 0, 1.0, 0.0)
+        facing = share > 0
+        if source.irradiance == 0.0 or not shadows:
+            return np.zeros_like(share) if source.irradiance == 0.0 else share
+        if source.disc is not None:
+            share[facing] = share_at_points(
+                field, points[facing], source.direction, self.how.accuracy, source.disc, far
+            )
+        else:
+            seen_from = HorizonPoints(field, points[facing], far)
+            share[facing] = ~seen_from.occluded(source.direction.vector)
+        return share
+
+    def _as_planned(self, view: View) -> View:
+        """The view itself, or the parallel view in its place where the plan leaves the perspective out."""
+        if self.plan.perspective.modelled or not isinstance(view, CameraView):
+            return view
+        return parallel_view(self.terrain, view)
+
+    def _in_sight(self, view: View) -> Mask:
+        """The core's nodes that no terrain hides from a view; all where the plan leaves that out, and for
+        a scanner, whose own directions tell it.
+        """
+        field, core = self.terrain.field, self.terrain.core
+        if not self.plan.occlusion.modelled or isinstance(view, ScannerView):
+            row0, row1, col0, col1 = core
+            return np.ones((row1 - row0, col1 - col0), dtype=np.bool_)
+        if isinstance(view, CameraView):
+            return ~field.occluded_nodes_from(view.position_m, core)
+        return ~occluded(field, view.direction, self.how.accuracy, core)
+
+    def _bands(
+        self, normals: Array, towards: Array, sunlit: Band, seen: Mask
+    ) -> tuple[Array, Array, Array, Array]:
+        """Radiance under the first source; incidence, emission and phase in degrees."""
+        first = self.light.first
+        irradiance = first.irradiance * sunlit
+        bands = photometry(
+            normals, first.direction.vector, towards, irradiance > 0.0, seen, self.how.model
+        )
+        angles = [np.degrees(band) for band in bands[1:]]
+        return bands.radiance * irradiance, angles[0], angles[1], angles[2]
+
+    def _under_sky(self, view: View) -> Band | np.float32:
+        """Radiance of the core's nodes under a sky."""
+        sky, how = self.light.sky, self.how
+        if sky is None:
+            return np.float32(0.0)
+        return sky_at_nodes(self.terrain, sky, view, how.model, how.accuracy, how.shadows)
+
+    def _bounced(self, at: SurfacePoints) -> Array:
+        """Radiance of points by light from other ground, with the albedo there; of a map in colour its
+        luminance.
+        """
+        albedo = self.how.albedo
+
+        def factors(points: Array) -> Array:
+            assert albedo is not None
+            found = albedo.at_points(self.terrain, points)
+            return np.asarray(found if found.ndim == 1 else luminance(found[:, None])[0])
+
+        ground = None if albedo is None else factors
+        return bounced_at_points(
+            self.terrain, self.light, at, self.how.model, self.how.accuracy, ground
+        )
 
 
 def _nodes_at(terrain: Terrain, view: View, which: Mask) -> SurfacePoints:
@@ -221,18 +343,6 @@ def _nodes_at(terrain: Terrain, view: View, which: Mask) -> SurfacePoints:
     normals = terrain.field.normals(terrain.core)[which].astype(np.float64)
     one_way = view.direction if isinstance(view, ParallelView) else None
     return SurfacePoints(points, normals, view.directions(points) if one_way is None else one_way)
-
-
-def _brightness(terrain: Terrain, albedo: Albedo | None) -> Brightness | None:
-    """Albedo factors of points, of a map in colour its luminance; None without a map."""
-    if albedo is None:
-        return None
-
-    def factors(points: Array) -> Array:
-        found = albedo.at_points(terrain, points)
-        return np.asarray(found if found.ndim == 1 else luminance(found[:, None])[0])
-
-    return factors
 
 
 def in_colour(radiance: Band) -> tuple[Band, Band | None]:
@@ -257,81 +367,6 @@ def check_camera(terrain: Terrain, view: View) -> None:
         )
 
 
-def _planned(light: Lighting, plan: ScenePlan, shadows: bool) -> list[tuple[LightSource, bool]]:
-    """The sources, each with True if cast shadows are computed for it. The plan decides about shadow and
-    disc of the first source; for the others both are always modelled.
-    """
-    modelled = plan.solar_disc.modelled or plan.cast_shadows.modelled
-    first = light.first if plan.solar_disc.modelled else replace(light.first, disc=None)
-    return [(first, shadows and modelled), *((source, shadows) for source in light.others)]
-
-
-def _share_at_nodes(
-    terrain: Terrain, source: LightSource, shadows: bool, accuracy: Accuracy
-) -> Band:
-    """Share of a source above the terrain's horizon at the core's nodes, float32; 1 without ``shadows``,
-    0 for a source without irradiance.
-    """
-    row0, row1, col0, col1 = terrain.core
-    if source.irradiance == 0.0 or not shadows:
-        share = 0.0 if source.irradiance == 0.0 else 1.0
-        return np.full((row1 - row0, col1 - col0), share, dtype=np.float32)
-    if source.disc is not None:
-        return sunlit_share(
-            terrain.field, source.direction, accuracy, terrain.core, source.disc, terrain.far
-        )
-    dark = occluded(terrain.field, source.direction, accuracy, terrain.core, terrain.far)
-    return (~dark).astype(np.float32)
-
-
-def _share_at_points(
-    terrain: Terrain,
-    points: Array,
-    normals: Array,
-    source: LightSource,
-    shadows: bool,
-    accuracy: Accuracy,
-) -> Array:
-    """The same at ENU points (..., 3) of the surface with their normals, float64 (...); 0 for points that
-    face away.
-    """
-    share = np.where(np.sum(normals * source.direction.vector, axis=-1) > 0, 1.0, 0.0)
-    facing = share > 0
-    if source.irradiance == 0.0 or not shadows:
-        return np.zeros_like(share) if source.irradiance == 0.0 else share
-    if source.disc is not None:
-        share[facing] = share_at_points(
-            terrain.field, points[facing], source.direction, accuracy, source.disc, terrain.far
-        )
-    else:
-        seen_from = HorizonPoints(terrain.field, points[facing], terrain.far)
-        share[facing] = ~seen_from.occluded(source.direction.vector)
-    return share
-
-
-def _as_planned(terrain: Terrain, view: View, plan: ScenePlan) -> View:
-    """The view itself, or the parallel view in its place where the plan leaves the perspective out."""
-    if plan.perspective.modelled or not isinstance(view, CameraView):
-        return view
-    return parallel_view(terrain, view)
-
-
-def _in_sight(terrain: Terrain, view: View, plan: ScenePlan, accuracy: Accuracy) -> Mask:
-    """The core's nodes that no terrain hides from a view; all where the plan leaves that out, and for a
-    scanner, whose own directions tell it.
-    """
-    if plan.occlusion.modelled and not isinstance(view, ScannerView):
-        return ~_hidden(terrain, view, accuracy)
-    row0, row1, col0, col1 = terrain.core
-    return np.ones((row1 - row0, col1 - col0), dtype=np.bool_)
-
-
-def _hidden(terrain: Terrain, view: View, accuracy: Accuracy) -> Mask:
-    if isinstance(view, CameraView):
-        return terrain.field.occluded_nodes_from(view.position_m, terrain.core)
-    return occluded(terrain.field, view.direction, accuracy, terrain.core)
-
-
 def _first_hits(terrain: Terrain, origin: Array, rays: Array) -> Array:
     """ENU points (rows, columns, 3) where rays first meet the surface; ``origin`` (3,) of all of them, or
     (rows, 3).
@@ -350,20 +385,6 @@ def _in_core(terrain: Terrain, points: Array) -> Mask:
     row = (field.y0_m - points[..., 1]) / field.gsd_m
     inside = (row >= row0 - 0.5) & (row <= row1 - 0.5) & (col >= col0 - 0.5) & (col <= col1 - 0.5)
     return np.asarray(inside)
-
-
-def _bands(
-    normals: Array,
-    sun: Array,
-    to_camera: Array,
-    irradiance: Band,
-    seen: Mask,
-    model: Reflectance,
-) -> tuple[Array, Array, Array, Array]:
-    """Radiance under the first source; incidence, emission and phase in degrees."""
-    bands = photometry(normals, sun, to_camera, irradiance > 0.0, seen, model)
-    angles = [np.degrees(band) for band in bands[1:]]
-    return bands.radiance * irradiance, angles[0], angles[1], angles[2]
 
 
 def _bands_parallel(
@@ -388,20 +409,6 @@ def _bands_parallel(
     seen[rows] &= bands.near_side
     bands.radiance[~seen[rows]] = np.nan
     return bands[:4]
-
-
-def _under_sky(
-    terrain: Terrain,
-    light: Lighting,
-    view: View,
-    model: Reflectance,
-    accuracy: Accuracy,
-    shadows: bool,
-) -> Band | np.float32:
-    """Radiance of the core's nodes under a sky."""
-    if light.sky is None:
-        return np.float32(0.0)
-    return sky_at_nodes(terrain, light.sky, view, model, accuracy, shadows)
 
 
 def _radiance(

@@ -75,7 +75,7 @@ from ..photometry.laws import DEFAULT_MODEL, Reflectance, law_of
 from ..rendering.pipeline import HeightfieldScene, prepare_terrain
 from ..rendering.plan import plan_scene
 from ..rendering.public import geotiff, png
-from ..rendering.renderer import render_camera
+from ..rendering.renderer import Method, render_camera
 from ..rendering.request import Request, ViewAngles, ViewChoice
 from ..terrain.heightfield import Heightfield
 from ..terrain.relief_bounds import nodes_enu
@@ -362,10 +362,7 @@ class PatchSurface:
             terrain,
             camera,
             light,
-            model=self._law,
-            accuracy=self.accuracy,
-            plan=plan,
-            albedo=patch.albedo,
+            Method(model=self._law, accuracy=self.accuracy, plan=plan, albedo=patch.albedo),
         )
         assert shot.position_mcmf_m is not None
         origin, _ = camera.rays_enu(terrain.frame)

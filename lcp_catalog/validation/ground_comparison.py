@@ -60,7 +60,7 @@ from ..matching.joint_offset import moved, moves, peaks, undone
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance
 from ..rendering.pipeline import prepare_terrain
-from ..rendering.renderer import render_enu
+from ..rendering.renderer import Method, render_enu
 from ..rendering.request import Request, ViewChoice
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
@@ -764,8 +764,7 @@ def _pair(
         terrain,
         sun if settings.environment is None else settings.environment.lighting,
         _beyond_image(sensor_view(sensor, terrain.frame)),
-        model=settings.model,
-        accuracy=settings.accuracy,
+        Method(model=settings.model, accuracy=settings.accuracy),
     )
     radiance = np.asarray(shot.radiance, dtype=np.float64)
     if catalog.albedo is not None:

@@ -10,7 +10,7 @@ from lcp_catalog.cameras.view import ParallelView, camera_view, looking_camera, 
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain
@@ -37,14 +37,14 @@ def camera():
 
 def test_brightness_uses_the_direction_of_each_point(terrain, camera) -> None:
     law = reflectance_model("hapke")
-    seen = render_enu(terrain, SUN, camera_view(camera, FRAME), model=law)
-    moving = render_enu(terrain, SUN, sensor_view(Reduced(camera, 1), FRAME), model=law)
+    seen = render_enu(terrain, SUN, camera_view(camera, FRAME), Method(model=law))
+    moving = render_enu(terrain, SUN, sensor_view(Reduced(camera, 1), FRAME), Method(model=law))
     both = seen.visible & moving.visible
     assert both.mean() > 0.9
     assert np.allclose(seen.radiance[both], moving.radiance[both], rtol=1e-6)
     assert np.allclose(seen.emission_deg[both], moving.emission_deg[both], atol=1e-3)
     one_way = ParallelView(sensor_view(Reduced(camera, 1), FRAME).direction)
-    parallel = render_enu(terrain, SUN, one_way, model=law).radiance
+    parallel = render_enu(terrain, SUN, one_way, Method(model=law)).radiance
     assert np.abs(parallel[both] - seen.radiance[both]).max() > 1e-2 * seen.radiance[both].mean()
 
 

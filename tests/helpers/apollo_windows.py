@@ -22,7 +22,7 @@ from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.photometry.srgb import decode_srgb
 from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
-from lcp_catalog.rendering.renderer import Rendering, render_enu
+from lcp_catalog.rendering.renderer import Method, Rendering, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.validation.ground_comparison import (
     Ortho,
@@ -121,7 +121,7 @@ class Ground:
         elif not shadows:
             scene = self.scene
             how = {"model": reflectance_model(law), "shadows": False}
-            values = render_enu(scene.terrain, scene.light, scene.view, **how).radiance
+            values = render_enu(scene.terrain, scene.light, scene.view, Method(**how)).radiance
         else:
             values = replace(self.scene, model=reflectance_model(law)).expose().radiance
         return values * self.factor if albedo else np.asarray(values)

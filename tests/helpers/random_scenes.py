@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain
@@ -67,7 +67,7 @@ def both(terrain, sun, view, accuracy=REFERENCE, disc=False, **how):
     plan = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc)
     full = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, everything=True)
     renders = (
-        render_enu(terrain, sun, view, accuracy=accuracy, disc=disc, plan=p, **how)
+        render_enu(terrain, sun, view, Method(accuracy=accuracy, disc=disc, plan=p, **how))
         for p in (plan, full)
     )
     return plan, *renders

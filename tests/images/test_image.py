@@ -20,7 +20,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import azimuth_elevation, direction_enu
 from lcp_catalog.rendering.pipeline import prepare_terrain
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 
@@ -95,7 +95,7 @@ def ground(scene, smooth):
 
 def rendered(scene, sun=None, **options):
     sun = scene.sun if sun is None else sun
-    return np.nan_to_num(render_enu(scene.terrain, sun, scene.view, **options).radiance)
+    return np.nan_to_num(render_enu(scene.terrain, sun, scene.view, Method(**options)).radiance)
 
 
 def test_render_correlates_with_the_image(ground):

@@ -13,7 +13,7 @@ from lcp_catalog.light.sources import Lighting, SurfacePoints
 from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
 from lcp_catalog.rendering import decisions
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import nodes_enu
@@ -39,7 +39,7 @@ def crater(depth_m=700.0):
 
 def dark_nodes(terrain):
     """Points and normals of the nodes that the Sun does not reach."""
-    shot = render_enu(terrain, Lighting.of_sun(SUN), nadir_view(), model=LAMBERT)
+    shot = render_enu(terrain, Lighting.of_sun(SUN), nadir_view(), Method(model=LAMBERT))
     dark = np.isfinite(shot.radiance) & (shot.sunlit == 0.0)
     points = nodes_enu(terrain.field, terrain.core)[dark]
     return dark, points, terrain.field.normals()[dark].astype(np.float64)
@@ -147,7 +147,7 @@ def test_the_plan_models_what_shows(depth_m, choice, modelled):
     decided, plan = plan_of(terrain, choice)
     assert plan.bounces is decided.modelled is modelled
     how = {"model": LAMBERT, "accuracy": TIERS["standard"], "plan": plan}
-    shot = render_enu(terrain, light, nadir_view(), **how)
+    shot = render_enu(terrain, light, nadir_view(), Method(**how))
     dark, points, normals = dark_nodes(terrain)
     bounced = bounced_at_points(
         terrain, light, SurfacePoints(points, normals, UP), LAMBERT, TIERS["standard"]
@@ -158,5 +158,7 @@ def test_the_plan_models_what_shows(depth_m, choice, modelled):
     else:
         assert (shot.radiance[dark] == 0.0).all()
         assert bounced.max(initial=0.0) <= decided.error_bound
-    plain = render_enu(terrain, light, nadir_view(), model=LAMBERT, accuracy=TIERS["standard"])
+    plain = render_enu(
+        terrain, light, nadir_view(), Method(model=LAMBERT, accuracy=TIERS["standard"])
+    )
     assert (shot.radiance[~dark] == plain.radiance[~dark]).all()

@@ -24,7 +24,7 @@ from lcp_catalog.light.bounced_light import (
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.sources import Lighting, SurfacePoints, split_sources
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
-from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import nodes_enu
@@ -247,7 +247,7 @@ def test_nodata_and_unseen_nodes():
     assert np.isnan(found[10:12, 5:9]).all()
     assert np.isfinite(found[20:]).all()
     light = Lighting.of_panorama(split_sources(uniform(16)))
-    whole = render_enu(make(z), light, nadir_view(), model=LAMBERT, accuracy=TIERS["draft"])
+    whole = render_enu(make(z), light, nadir_view(), Method(model=LAMBERT, accuracy=TIERS["draft"]))
     assert np.isnan(whole.radiance[~whole.visible]).all()
     assert (whole.radiance[whole.visible] > 0).all()
 
@@ -294,8 +294,8 @@ def test_in_the_cameras_plane_against_exact_rays(tier):
     dark = Lighting(light.sources)
     camera = camera_over(terrain, size=20)
     how = {"model": LAMBERT, "accuracy": TIERS[tier]}
-    found = render_camera(terrain, camera, light, **how)
-    without = render_camera(terrain, camera, dark, **how)
+    found = render_camera(terrain, camera, light, Method(**how))
+    without = render_camera(terrain, camera, dark, Method(**how))
     points = terrain.frame.from_mcmf(found.position_mcmf_m[found.visible])
     normals = terrain.field.normals_at(points[:, 0], points[:, 1])
     expected = np.zeros(len(points))

@@ -28,7 +28,7 @@ from lcp_catalog.light.sources import (
 )
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain
@@ -76,10 +76,14 @@ def test_a_panorama_of_one_small_sun_is_that_sun(craters, frame, tier, name):
     sun = Lighting.of_sun(lamp.direction)
     how = {"model": reflectance_model(name), "accuracy": TIERS[tier]}
     if frame == "enu":
-        found, expected = (render_enu(craters, one, nadir_view(), **how) for one in (light, sun))
+        found, expected = (
+            render_enu(craters, one, nadir_view(), Method(**how)) for one in (light, sun)
+        )
     else:
         camera = looking_camera(craters.frame, direction_enu(0, 70) * 2e4, GSD, (800.0, 800.0))
-        found, expected = (render_camera(craters, camera, one, **how) for one in (light, sun))
+        found, expected = (
+            render_camera(craters, camera, one, Method(**how)) for one in (light, sun)
+        )
     assert (found.visible == expected.visible).all()
     seen = np.asarray(expected.visible, bool)
     off = (found.radiance - expected.radiance)[seen]
@@ -95,8 +99,10 @@ def test_two_lamps_are_the_sum_of_two_suns(craters):
         [2 / 3, 1 / 3], rel=5e-3
     )
     view, how = oblique_view(30, 200), {"accuracy": TIERS["standard"]}
-    found = render_enu(craters, light, view, **how).radiance
-    parts = [render_enu(craters, lamp.direction, view, **how).radiance for lamp in (one, two)]
+    found = render_enu(craters, light, view, Method(**how)).radiance
+    parts = [
+        render_enu(craters, lamp.direction, view, Method(**how)).radiance for lamp in (one, two)
+    ]
     expected = (2.0 * parts[0] + parts[1]) / 3.0
     off = found - expected
     assert np.sqrt(np.nanmean(off**2)) < 0.005 * np.nanmean(expected)
@@ -112,13 +118,13 @@ def test_sources_add_up(craters, tier, altitude):
     weights = [1.0, 0.25, 0.6]
     view, how = oblique_view(25, 100, altitude), {"accuracy": TIERS[tier]}
     light = Lighting(tuple(map(LightSource, directions, weights)))
-    whole = render_enu(craters, light, view, **how)
-    alone = [render_enu(craters, one, view, **how) for one in directions]
+    whole = render_enu(craters, light, view, Method(**how))
+    alone = [render_enu(craters, one, view, Method(**how)) for one in directions]
     expected = sum(weight * one.radiance for weight, one in zip(weights, alone, strict=True))
     assert whole.radiance == pytest.approx(expected, rel=2e-6, abs=1e-9, nan_ok=True)
     for band in ("sunlit", "visible", "incidence_deg", "phase_deg"):
         assert getattr(whole, band) == pytest.approx(getattr(alone[0], band), nan_ok=True)
-    other = render_enu(craters, Lighting(light.sources[::-1]), view, **how)
+    other = render_enu(craters, Lighting(light.sources[::-1]), view, Method(**how))
     assert other.radiance == pytest.approx(whole.radiance, rel=2e-6, abs=1e-9, nan_ok=True)
 
 
@@ -133,8 +139,8 @@ def test_a_floor_in_shadow_is_seen_by_the_earth():
     model = reflectance_model("lambert")
     light = Lighting.of_sun(to_sun)
     how = {"model": model, "accuracy": TIERS["high"]}
-    sun = render_enu(terrain, light, nadir_view(), **how)
-    both = render_enu(terrain, light.with_source(earth), nadir_view(), **how)
+    sun = render_enu(terrain, light, nadir_view(), Method(**how))
+    both = render_enu(terrain, light.with_source(earth), nadir_view(), Method(**how))
     floor = (slice(26, 35), slice(26, 35))
     assert (sun.radiance[floor] == 0.0).all()
     assert (both.sunlit == sun.sunlit).all()
@@ -154,15 +160,19 @@ def test_a_sun_below_the_horizon_lights_no_border(frame):
     how = {"accuracy": TIERS["standard"]}
     night, only = Lighting((sun, earth)), Lighting((earth,))
     if frame == "enu":
-        found, expected = (render_enu(terrain, one, nadir_view(), **how) for one in (night, only))
+        found, expected = (
+            render_enu(terrain, one, nadir_view(), Method(**how)) for one in (night, only)
+        )
     else:
         camera = looking_camera(terrain.frame, [0.0, 0.0, 1e4], GSD, (900.0, 900.0))
-        found, expected = (render_camera(terrain, camera, one, **how) for one in (night, only))
+        found, expected = (
+            render_camera(terrain, camera, one, Method(**how)) for one in (night, only)
+        )
     seen = np.asarray(found.visible, bool)
     assert found.radiance[seen] == pytest.approx(expected.radiance[seen], rel=1e-6)
     assert (found.sunlit == 0).all()
     with pytest.raises(SunError, match=r"the Sun is .* deg below"):
-        render_enu(terrain, Lighting((sun,)), nadir_view(), **how)
+        render_enu(terrain, Lighting((sun,)), nadir_view(), Method(**how))
 
 
 def test_sources_above_the_horizon(craters):
@@ -185,7 +195,9 @@ def test_an_overcast_sky_has_a_first_source():
     assert light.first.direction.vector == pytest.approx([0, 0, 1])
     assert light.first.irradiance == 0.0
     assert light.sky.power_above == pytest.approx(1.0)
-    found = render_enu(make(np.zeros((5, 5))), light, nadir_view(), accuracy=TIERS["standard"])
+    found = render_enu(
+        make(np.zeros((5, 5))), light, nadir_view(), Method(accuracy=TIERS["standard"])
+    )
     assert (found.sunlit == 0.0).all()
     assert (found.radiance > 0.0).all()
     assert found.incidence_deg == pytest.approx(0.0, abs=1e-5)

@@ -19,7 +19,7 @@ from lcp_catalog.kernels.photometry.images import add_light, angles_deg, shade_n
 from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.light.sources import Lighting, LightSource
 from lcp_catalog.photometry.laws import HapkeSet, Reflectance, reflectance_model
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 
 SHAPE = (23, 1100)
 """More than two runs of 512 a row, the last one short."""
@@ -239,8 +239,8 @@ def test_a_render_in_single_precision_is_the_one_in_double(law, view):
         )
     )
     how = {"model": law, "shadows": False}
-    quick = render_enu(terrain, light, seen_from, accuracy=TIERS["high"], **how)
-    exact = render_enu(terrain, light, seen_from, accuracy=TIERS["reference"], **how)
+    quick = render_enu(terrain, light, seen_from, Method(accuracy=TIERS["high"], **how))
+    exact = render_enu(terrain, light, seen_from, Method(accuracy=TIERS["reference"], **how))
     assert (quick.visible == exact.visible).all()
     assert (quick.sunlit == exact.sunlit).all()
     assert_near(quick.radiance, exact.radiance, rel=1e-5, abs_=2e-6)

@@ -30,7 +30,7 @@ from lcp_catalog.production.run import Build
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision, MergedDecision
 from lcp_catalog.rendering.plan import ScenePlan, plan_scene, ring_decision
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -74,7 +74,7 @@ def test_an_image_of_a_build_is_the_render_of_the_same_scene(build: Build) -> No
                 view = ParallelView(sweep.conditions.view_directions()[image.view])
                 how = {"model": model, "accuracy": sweep.accuracy, "disc": False}
                 for plan in (sweep.plan, None):  # the area's, and the render's own
-                    render = render_enu(sweep.terrain, sun, view, plan=plan, **how)
+                    render = render_enu(sweep.terrain, sun, view, Method(plan=plan, **how))
                     np.testing.assert_array_equal(image.radiance, render.radiance)
 
 

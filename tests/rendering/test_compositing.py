@@ -17,7 +17,7 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import LuminanceImage, Panorama
 from lcp_catalog.light.solar_disc import SolarDisc
 from lcp_catalog.light.sources import Lighting, LightSource, split_sources
-from lcp_catalog.rendering.renderer import render_camera
+from lcp_catalog.rendering.renderer import Method, render_camera
 from lcp_catalog.rendering.request import Backdrop, composite, shadow_factor
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -125,7 +125,7 @@ def camera():
 
 def seen_by(camera, light, backdrop, panorama=None):
     terrain = box()
-    photo = render_camera(terrain, camera, light, accuracy=TIERS["standard"])
+    photo = render_camera(terrain, camera, light, Method(accuracy=TIERS["standard"]))
     args = photo, terrain, camera, light, backdrop, panorama, TIERS["standard"]
     return photo, composite(*args)
 

@@ -16,7 +16,7 @@ from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.rendering.decisions import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
 from lcp_catalog.rendering.plan import ring_decision
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -159,7 +159,7 @@ def test_renders_take_the_path_that_the_plan_says(monkeypatch):
         (rough, True, ["sunlit_share", "_hidden"]),
     ):
         called.clear()
-        render_enu(terrain, sun, far, accuracy=STANDARD, disc=disc)
+        render_enu(terrain, sun, far, Method(accuracy=STANDARD, disc=disc))
         assert called == expected
 
 

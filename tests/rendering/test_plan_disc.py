@@ -27,7 +27,7 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import radiance_under, reflectance_model
 from lcp_catalog.rendering.decisions import PENUMBRA_PX, penumbra_px
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.terrain.relief_bounds import relief, steepness
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -136,7 +136,9 @@ def test_a_point_sun_is_wrong_only_where_the_disc_is_cut(terrain, azimuth, eleva
     sun = direction_enu(azimuth, elevation)
     plan = plan_scene(terrain, sun, nadir_view())
     assert not plan.solar_disc.modelled
-    point, disc = (render_enu(terrain, sun, nadir_view(), disc=d).sunlit for d in (False, True))
+    point, disc = (
+        render_enu(terrain, sun, nadir_view(), Method(disc=d)).sunlit for d in (False, True)
+    )
     rays = rim(sun, 1.05, 64)  # their chords stay outside of the disc
     blocked = sum(terrain.field.occluded_nodes(d, terrain.core).astype(int) for d in rays)
     sure = (blocked == 0) | (blocked == 64)
@@ -153,8 +155,8 @@ def test_a_disc_lights_by_its_share(frame):
 
     def render(disc, accuracy=TIERS["high"]):
         if frame == "nodes":
-            return render_enu(terrain, sun, nadir_view(), disc=disc, accuracy=accuracy)
-        return render_camera(terrain, camera, sun, disc=disc, accuracy=accuracy)
+            return render_enu(terrain, sun, nadir_view(), Method(disc=disc, accuracy=accuracy))
+        return render_camera(terrain, camera, sun, Method(disc=disc, accuracy=accuracy))
 
     disc, point = render(True), render(False)
     part = (disc.sunlit > 0) & (disc.sunlit < 1)
@@ -171,10 +173,10 @@ def test_part_of_the_disc_is_a_sun():
     terrain = make(np.zeros((9, 9)))
     for elevation, disc, up in ((-0.2, True, True), (-0.2, False, False), (-0.4, True, False)):
         if up:
-            render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), disc=disc)
+            render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), Method(disc=disc))
             continue
         with pytest.raises(SunError, match="below the horizon"):
-            render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), disc=disc)
+            render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), Method(disc=disc))
 
 
 @pytest.mark.parametrize(("name", "scale"), [("lambert", 0.12), ("lommel-seeliger", 0.0525)])

@@ -24,7 +24,7 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.decisions import parallel_direction, parallel_error, ray_angle_rad
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.terrain.relief_bounds import core_box, lowest_core_tangent, relief, tangent_of
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -80,7 +80,10 @@ def test_parallel_rays_stay_within_their_bound(terrain, azimuth, over_deg, sun, 
     assert 0.9 * accuracy.tolerance < plan.perspective.error_bound <= accuracy.tolerance
     short, full = (
         render_enu(
-            terrain, to_sun, view, accuracy=REFERENCE, model=reflectance_model(model), plan=p
+            terrain,
+            to_sun,
+            view,
+            Method(accuracy=REFERENCE, model=reflectance_model(model), plan=p),
         )
         for p in (plan, full_plan)
     )

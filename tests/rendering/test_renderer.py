@@ -17,7 +17,7 @@ from lcp_catalog.cameras.view import (
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import ring_needed_m, steepness
@@ -163,7 +163,7 @@ def test_dark_is_zero_and_unseen_is_nan():
 def test_without_cast_shadows_attached_ones_stay():
     terrain, sun = make(hills()), direction_enu(100.0, 8.0)
     full = render_enu(terrain, sun, nadir_view())
-    attached = render_enu(terrain, sun, nadir_view(), shadows=False)
+    attached = render_enu(terrain, sun, nadir_view(), Method(shadows=False))
     assert (attached.sunlit == (attached.incidence_deg < 90)).all()
     assert (full.sunlit <= attached.sunlit).all()
     assert (full.sunlit < attached.sunlit).sum() > 50

@@ -20,7 +20,7 @@ from lcp_catalog.cameras.view import CameraView, looking_camera, nadir_view, obl
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.terrain.area import Area, NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain, build_terrain, terrain_from_area
@@ -129,7 +129,7 @@ def test_a_balls_light_is_known(moons, tier):
         bend = math.degrees(gsd_m**2 / 6 * 3 * 0.82 / (R**2 * steep**5)) + 2e-4
         for angles in SUNS:
             sun = direction_enu(*angles)
-            result = render_enu(terrain, sun, nadir_view(), accuracy=TIERS[tier])
+            result = render_enu(terrain, sun, nadir_view(), Method(accuracy=TIERS[tier]))
             incidence = np.degrees(np.arccos(np.clip(normals @ sun, -1, 1)))
             emission = np.degrees(np.arccos(normals[..., 2]))
             close = 2e-4 if bend < 1e-3 else bend
@@ -159,8 +159,10 @@ def test_the_sun_overhead_is_no_cause_for_a_warning(moons, place):
 def test_a_ball_from_north_and_south_is_the_same_ball(moons, tier):
     """Half a turn about the zenith takes a Sun azimuth of 60 deg to 240 deg and turns the image."""
     terrain = terrain_from_area(moons[0.0], Area(0.0, 90.0, 400.0), 8192.0)
-    here = render_enu(terrain, direction_enu(60.0, 3.0), nadir_view(), accuracy=TIERS[tier])
-    there = render_enu(terrain, direction_enu(240.0, 3.0), nadir_view(), accuracy=TIERS[tier])
+    here = render_enu(terrain, direction_enu(60.0, 3.0), nadir_view(), Method(accuracy=TIERS[tier]))
+    there = render_enu(
+        terrain, direction_enu(240.0, 3.0), nadir_view(), Method(accuracy=TIERS[tier])
+    )
     np.testing.assert_array_equal(terrain.field.z_m, terrain.field.z_m[::-1, ::-1])
     np.testing.assert_array_equal(here.sunlit, there.sunlit[::-1, ::-1])
     np.testing.assert_allclose(here.radiance, there.radiance[::-1, ::-1], rtol=1e-4, atol=1e-7)
@@ -172,9 +174,11 @@ def test_the_sun_under_the_horizon(moons, tier):
     level = math.degrees(math.atan(50e3 * math.sqrt(2) / R))  # the area's own corners lean so far
     for below in (level + 0.01, 5.0, 30.0, 89.9, 90.0):
         with pytest.raises(SunError, match=r"below the horizon .* state another Sun"):
-            render_enu(terrain, direction_enu(45.0, -below), nadir_view(), accuracy=TIERS[tier])
+            render_enu(
+                terrain, direction_enu(45.0, -below), nadir_view(), Method(accuracy=TIERS[tier])
+            )
     edge = render_enu(
-        terrain, direction_enu(45.0, -0.5 * level), nadir_view(), accuracy=TIERS[tier]
+        terrain, direction_enu(45.0, -0.5 * level), nadir_view(), Method(accuracy=TIERS[tier])
     )
     assert np.asarray(edge.sunlit)[1, -2] > 0  # what leans towards the Sun
     assert not np.asarray(edge.sunlit)[10:, :10].any()
@@ -245,7 +249,9 @@ def test_nothing_is_silently_nan(tier):
                 if isinstance(view, float):
                     middle = z[z.shape[0] // 2, z.shape[1] // 2]
                     place = CameraView(np.array([0.0, 0.0, np.nan_to_num(middle) + view]))
-                result = render_enu(terrain, direction_enu(*angles), place, accuracy=TIERS[tier])
+                result = render_enu(
+                    terrain, direction_enu(*angles), place, Method(accuracy=TIERS[tier])
+                )
                 seen, lit = np.asarray(result.visible), np.asarray(result.sunlit) > 0
                 assert not (seen | lit)[~ground].any(), how
                 assert not (seen | lit)[~shaped].any(), how
@@ -266,7 +272,10 @@ def test_a_suns_disc_has_shares(tier):
         ground = np.isfinite(terrain.field.z_m)
         for angles in [(90.0, 89.9), (45.0, 0.2), (200.0, 1e-6), (0.0, 90.0)]:
             result = render_enu(
-                terrain, direction_enu(*angles), nadir_view(), accuracy=TIERS[tier], disc=True
+                terrain,
+                direction_enu(*angles),
+                nadir_view(),
+                Method(accuracy=TIERS[tier], disc=True),
             )
             share = np.asarray(result.sunlit)
             assert ((share >= 0) & (share <= 1)).all()
@@ -325,7 +334,7 @@ def test_threads_do_not_matter(tier):
         for threads in (1, thread_limit()):
             with limit_threads(threads):
                 pictures.append(
-                    render_enu(rough, direction_enu(70.0, 9.0), view, accuracy=TIERS[tier])
+                    render_enu(rough, direction_enu(70.0, 9.0), view, Method(accuracy=TIERS[tier]))
                 )
         one, two = pictures
         for band in ("radiance", "sunlit", "visible", "incidence_deg", "emission_deg", "phase_deg"):

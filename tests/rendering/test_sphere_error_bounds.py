@@ -17,7 +17,7 @@ from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.decisions import SHIFT_PX, SphereCost, sphere_cost
 from lcp_catalog.rendering.plan import plan_scene
-from lcp_catalog.rendering.renderer import render_enu
+from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.rendering.sphere_pipeline import render_sphere_enu, sphere_nodes
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -149,7 +149,7 @@ def test_the_bound_holds_where_the_sphere_is_taken(
             continue
         law = reflectance_model(model)
         light = Lighting.of_sun(sun)
-        full = render_enu(terrain, light, view, model=law, accuracy=TIERS["reference"])
+        full = render_enu(terrain, light, view, Method(model=law, accuracy=TIERS["reference"]))
         short = render_sphere_enu(FRAME, WINDOW, GSD, light, view, model=law)
         assert (full.visible == short.visible).all()
         assert (full.sunlit == short.sunlit).all()

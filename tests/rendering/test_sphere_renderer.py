@@ -25,7 +25,7 @@ from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry import frames
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.light.sources import Lighting
-from lcp_catalog.rendering.renderer import render_camera, render_enu
+from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.rendering.sphere_pipeline import (
     render_sphere_camera,
     render_sphere_enu,
@@ -97,7 +97,7 @@ def test_nodes_are_those_of_the_heightfield(disc, model):
     ours = render_sphere_enu(
         frame, NodeWindow(-half, half + 1, -half, half + 1), gsd, light, view, model=model
     )
-    theirs = render_enu(terrain, light, view, model=model, accuracy=TIERS["reference"])
+    theirs = render_enu(terrain, light, view, Method(model=model, accuracy=TIERS["reference"]))
     assert (ours.visible == theirs.visible).all()
     for band in ("radiance", "sunlit", "incidence_deg", "emission_deg", "phase_deg", "height_m"):
         assert getattr(ours, band) == pytest.approx(getattr(theirs, band), rel=3e-5), band
@@ -155,7 +155,7 @@ def test_pixels_are_those_of_the_heightfield(disc):
     terrain = smooth_terrain(frame, half, gsd)
     camera = looking_camera(frame, [20e3, -30e3, 80e3], 700.0, (40e3, 30e3))
     light = lit_from(15.0, 12.0, disc)
-    theirs = render_camera(terrain, camera, light, accuracy=TIERS["reference"])
+    theirs = render_camera(terrain, camera, light, Method(accuracy=TIERS["reference"]))
     reach = (half + 0.5) * gsd
     ours = render_sphere_camera(frame, camera, light, extent_m=(-reach, reach, -reach, reach))
     both = (ours.visible > 0) & theirs.visible
@@ -291,7 +291,7 @@ def test_no_shift_against_real_heights():
     terrain = terrain_from_area(DemSet.open([GLD100]), area, 2000.0)
     camera = looking_camera(area.frame, [0, 0, 1e8], 4000.0, (280e3, 280e3))
     light = lit_from(60.0, 45.0)
-    real = render_camera(terrain, camera, light, accuracy=TIERS["draft"])
+    real = render_camera(terrain, camera, light, Method(accuracy=TIERS["draft"]))
     ours = render_sphere_camera(area.frame, camera, light)
     off = area.frame.direction_from_mcmf(real.position_mcmf_m - ours.position_mcmf_m)
     assert np.isfinite(off).all()
