@@ -9,19 +9,19 @@ Angles are measured from the normal, which points up; positive angles are on the
 the source.
 """
 
-# ruff: noqa: E501 - lines of markup
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from .numbers import nice_step, number, typeset
+from .numbers import drawing, nice_step, number, typeset
 
 
 @dataclass(frozen=True)
@@ -96,63 +96,9 @@ class Axes:
         ``label`` describes it to screen readers. ``style``: rules for a file of its own, without a
         page.
         """
-        width, height = (
-            self.left + self.width + self.right,
-            self.top + self.height + self.bottom,
-        )
-        box = f"{-self.left:g} {-self.top:g} {width:g} {height:g}"
-        own = ' xmlns="http://www.w3.org/2000/svg"' if style else ""
-        return Markup(
-            f'<svg{own} class="chart{" " * bool(css)}{css}" viewBox="{box}" role="img" aria-label="{escape(label)}">'
-            f"{f'<style>{style}</style>' * bool(style)}{self._y_ticks()}{self._x_ticks()}{inside}"
-            f'<path class="axis" d="M0 0V{self.height:g}H{self.width:g}"/>{self._titles()}</svg>'
-        )
-
-    def _x_ticks(self) -> Markup:
-        height = f"{self.height:g}"
-        mark = f"0V{height}" if self.x.grid else f"{height}v5"
-        css = "grid" if self.x.grid else "axis"
-        return Markup().join(
-            Markup(
-                f'<path class="{css}" d="M{x:.1f} {mark}"/>'
-                f'<text class="middle" x="{x:.1f}" y="{self.height + 19:g}">{escape(text)}</text>'
-            )
-            for x, text in self._placed(self.x, self.width)
-        )
-
-    def _y_ticks(self) -> Markup:
-        parts = []
-        for share, text in self._placed(self.y, 1.0):
-            y = self.height * (1.0 - share)
-            line = f"M0 {y:.1f}H{self.width:g}" if self.y.grid else f"M0 {y:.1f}h-5"
-            css = "grid" if self.y.grid else "axis"
-            parts.append(
-                Markup(
-                    f'<path class="{css}" d="{line}"/>'
-                    f'<text class="end" x="-7" y="{y + 4:.1f}">{escape(text)}</text>'
-                )
-            )
-        return Markup().join(parts)
-
-    @staticmethod
-    def _placed(axis: Axis, length: float) -> list[tuple[float, str]]:
-        return [(length * float(axis.share(value)), text) for value, text in axis.ticks]
-
-    def _titles(self) -> Markup:
-        parts = []
-        if self.x.title:
-            parts.append(
-                Markup('<text class="middle" x="{:g}" y="{:g}">{}</text>').format(
-                    self.width / 2, self.height + 39, self.x.title
-                )
-            )
-        if self.y.title:
-            parts.append(
-                Markup(
-                    '<text class="middle" transform="translate({:g} {:g}) rotate(-90)">{}</text>'
-                ).format(14.0 - self.left, self.height / 2, self.y.title)
-            )
-        return Markup().join(parts)
+        x_ticks = [(self.width * float(self.x.share(v)), text) for v, text in self.x.ticks]
+        y_ticks = [(self.height * (1.0 - float(self.y.share(v))), t) for v, t in self.y.ticks]
+        return drawing("chart", self, x_ticks, y_ticks, inside, label, style, css)
 
 
 STYLES = ("solid", "dashed", "thin", "dotted")
@@ -189,87 +135,44 @@ class Panel:
     curves: tuple[Curve, ...]
     sources_deg: tuple[tuple[float, str], ...] = ()
 
+    def is_free(self, theta_deg: float) -> bool:
+        """True for an angle that is near no source: its ray has a label."""
+        return all(abs(theta_deg - source) > 8.0 for source, _ in self.sources_deg)
+
 
 def polar_chart(panels: Sequence[Panel], title: str, columns: int) -> str:
     """SVG of panels in rows; each panel has its own scale."""
     width, height = _PANEL
-    rows = math.ceil(len(panels) / columns)
-    drawn = "".join(
-        f'<g transform="translate({(k % columns) * width:g} {40 + (k // columns) * height:g})">{_draw(panel)}</g>'
-        for k, panel in enumerate(panels)
-    )
-    names, names_width = _legend(panels)
-    wide, whole = max(columns * width, names_width + 16.0), 40 + rows * height + 24
+    names = {curve.name: curve.style for panel in panels for curve in panel.curves}
+    starts = [0.0, *accumulate(50.0 + 8.0 * len(name) for name in names)]
+    placed = []
+    for k, panel in enumerate(panels):
+        rim = _round_up(max(float(curve.values.max()) for curve in panel.curves))
+        curves = [
+            (curve.style, _place(curve.theta_deg, curve.values / rim).T) for curve in panel.curves
+        ]
+        placed.append((k % columns * width, 40 + k // columns * height, panel, rim, curves))
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide:g} {whole:g}" width="{wide:g}" '
-        f'height="{whole:g}" role="img" aria-label="{escape(title)}"><style>{_STYLE}</style>'
-        f'<text class="title" x="16" y="24">{escape(title)}</text>{drawn}'
-        f'<g transform="translate(16 {whole - 14:g})">{names}</g></svg>\n'
+        drawing(
+            "polar",
+            title,
+            _STYLE,
+            max(columns * width, starts[-1] + 16.0),
+            40 + math.ceil(len(panels) / columns) * height + 24,
+            (width / 2, height - 42),
+            _RADIUS,
+            placed,
+            [(left, *named) for left, named in zip(starts, names.items(), strict=False)],
+            _place,
+        )
+        + "\n"
     )
 
 
-def _draw(panel: Panel) -> str:
-    rim = _round_up(max(float(curve.values.max()) for curve in panel.curves))
-    inside = _grid(rim, [angle for angle, _ in panel.sources_deg])
-    inside += "".join(_curve(curve, rim) for curve in panel.curves)
-    for angle, style in panel.sources_deg:
-        (near_x, x), (near_y, y) = _place(np.full(2, angle), np.array([1.02, 1.13]))
-        inside += (
-            f'<path class="{style}" d="M{x:.1f} {y:.1f}L{near_x:.1f} {near_y:.1f}"/>'
-            f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="4"/>'
-        )
-    return f'<text x="16" y="16">{escape(panel.title)}</text><g transform="translate({_PANEL[0] / 2:g} {_PANEL[1] - 42:g})">{inside}</g>'
-
-
-def _grid(rim: float, sources_deg: Sequence[float]) -> str:
-    """Circles of half and full scale, and rays; a ray near a source has no label."""
-    parts = [f'<path class="axis" d="M{-_RADIUS:g} 0H{_RADIUS:g}"/>']
-    for share in (0.5, 1.0):
-        r = share * _RADIUS
-        parts.append(f'<path class="grid" d="M{-r:g} 0A{r:g} {r:g} 0 0 1 {r:g} 0"/>')
-        parts.append(f'<text x="{r:g}" y="16" text-anchor="middle">{number(share * rim)}</text>')
-    for theta in range(-90, 91, 30):
-        (x, far_x), (y, far_y) = _place(np.full(2, theta), np.array([1.0, 1.09]))
-        parts.append(f'<path class="grid" d="M0 0L{x:.1f} {y:.1f}"/>')
-        if abs(theta) < 90 and all(abs(theta - source) > 8.0 for source in sources_deg):
-            parts.append(
-                f'<text x="{far_x:.1f}" y="{far_y + 4:.1f}" text-anchor="middle">{theta}°</text>'
-            )
-    return "".join(parts)
-
-
-def _curve(curve: Curve, rim: float) -> str:
-    x, y = _place(curve.theta_deg, curve.values / rim)
-    if curve.style == "dots":
-        return "".join(
-            f'<circle class="dots" cx="{a:.1f}" cy="{b:.1f}" r="2.6"/>'
-            for a, b in zip(x, y, strict=True)
-        )
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-    return f'<polyline class="{curve.style}" points="{points}"/>'
-
-
-def _place(theta_deg: Array, share: Array) -> Array:
+def _place(theta_deg: ArrayLike, share: ArrayLike) -> Array:
     """Pixels (2, n) of angles and shares of the rim's radius; y points down."""
     theta = np.radians(theta_deg)
     return np.array([-np.sin(theta) * share * _RADIUS, -np.cos(theta) * share * _RADIUS])
-
-
-def _legend(panels: Sequence[Panel]) -> tuple[str, float]:
-    """Marks and names of the curves in one line, and its width in pixels."""
-    names = {curve.name: curve.style for panel in panels for curve in panel.curves}
-    parts, x = [], 0.0
-    for name, style in names.items():
-        mark = (
-            '<circle class="dots" cx="14" cy="-4" r="2.6"/>'
-            if style == "dots"
-            else f'<path class="{style}" d="M0 -4h28"/>'
-        )
-        parts.append(
-            f'<g transform="translate({x:g} 0)">{mark}<text x="34" y="0">{escape(name)}</text></g>'
-        )
-        x += 50.0 + 8.0 * len(name)
-    return "".join(parts), x
 
 
 def _round_up(value: float) -> float:

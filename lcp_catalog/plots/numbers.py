@@ -13,6 +13,7 @@ import re
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 _POWER = re.compile(r"\b10\^(-?\d+)\b")
 _EXPONENT = re.compile(r"(?<![\w.])(\d(?:\.\d+)?)e([+-]\d{2,3})\b")
@@ -64,7 +65,7 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-_TEMPLATES.filters["typeset"] = typeset
+_TEMPLATES.filters |= {"typeset": typeset, "number": number}
 
 
 def page(template: str, **content: Any) -> str:
@@ -75,3 +76,9 @@ def page(template: str, **content: Any) -> str:
     jinja2.UndefinedError for a name that the template uses and ``content`` lacks.
     """
     return _TEMPLATES.get_template(template).render(content)
+
+
+def drawing(name: str, *content: Any) -> Markup:
+    """The SVG of a macro of ``templates/drawings.svg.j2``, without its line ends."""
+    macro = getattr(_TEMPLATES.get_template("drawings.svg.j2").module, name)
+    return Markup(macro(*content).replace("\n", ""))
