@@ -21,7 +21,7 @@ from ..arrays import AnyArray
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.map_plane import MapPlane
 from ..plots.axes import Axes, Axis, round_ticks
-from ..plots.numbers import nice_step, number
+from ..plots.numbers import drawing, nice_step, number
 from ..plots.pictures import data_uri, grey
 
 STEPS = 6
@@ -84,39 +84,20 @@ class SunDisc:
         are labelled. ``element``: id of the disc; its cells then carry their number, in the order of
         rows, for a script.
         """
-        cells = "".join(
-            f'<use href="#s{i}-{j}" class="{shade_class(share[i, j])}"{_attribute("data-sun", k) if element else ""}>{self._title(i, j, share[i, j]) if large else ""}</use>'
+        shown = [
+            (i, j, k, shade_class(share[i, j]), self._title(i, j, share[i, j]) if large else "")
             for k, (i, j) in enumerate(np.argwhere(np.isfinite(share)))
-        )
-        pad = 26 if large else 6
-        side = 2 * (_DISC_PX + pad)
-        corner = -(_DISC_PX + pad)
-        return Markup(
-            f'<svg class="disc"{_attribute("id", element) if element else ""} viewBox="{corner:g} {corner:g} {side:g} {side:g}" role="img" aria-label="{escape(label)}">'
-            f'<circle r="{_DISC_PX:g}" class="horizon"/>{cells}{_rings(large)}</svg>'
-        )
+        ]
+        away = _DISC_PX + 13
+        names = [
+            (away * math.sin(math.radians(a)), -away * math.cos(math.radians(a)) + 4.5, name)
+            for a, name in ((0, "N"), (90, "E"), (180, "S"), (270, "W"))
+            if large
+        ]
+        return drawing("sun_disc", _DISC_PX, 26 if large else 6, shown, element, names, label)
 
     def _title(self, i: int, j: int, share: float) -> str:
-        return f"<title>azimuth {self.sun_azimuth[j]:g}°, elevation {self.sun_elevation[i]:g}°: {100 * share:.0f} %</title>"
-
-
-def _attribute(name: str, value: object) -> str:
-    return f' {name}="{escape(str(value))}"'
-
-
-def _rings(large: bool) -> str:
-    rings = "".join(f'<circle r="{_DISC_PX * (90 - e) / 90:.1f}" class="ring"/>' for e in (30, 60))
-    if not large:
-        return rings + f'<path d="M0 {-_DISC_PX:g}v-5" class="tick"/>'
-    names = "".join(
-        f'<text x="{(_DISC_PX + 13) * math.sin(math.radians(a)):.1f}" y="{-(_DISC_PX + 13) * math.cos(math.radians(a)) + 4.5:.1f}">{name}</text>'
-        for a, name in ((0, "N"), (90, "E"), (180, "S"), (270, "W"))
-    )
-    heights = "".join(
-        f'<text class="small" x="4" y="{-_DISC_PX * (90 - e) / 90 + 11:.1f}">{e}°</text>'
-        for e in (0, 30, 60)
-    )
-    return rings + f'<g class="names">{names}</g><g>{heights}</g>'
+        return f"azimuth {self.sun_azimuth[j]:g}°, elevation {self.sun_elevation[i]:g}°: {100 * share:.0f} %"
 
 
 def _sector(e0: float, e1: float, a0: float, a1: float) -> str:

@@ -20,7 +20,7 @@ from ..ephemeris.times import instants
 from ..errors import OutputError
 from ..geometry.bounds import wrapped_deg
 from ..plots.axes import Axes, Axis, round_ticks
-from ..plots.numbers import number, page
+from ..plots.numbers import drawing, number, page
 from .expected_position import CAUSES, LEAST_POINTS, Answer, ExpectedPosition
 
 POINT_COLUMNS = (
@@ -345,17 +345,7 @@ class TrajectoryChart:
             self._chart(time, _from_zero(altitude, "altitude, km"), [], [("height", altitude)], place, ""),
         ]  # fmt: skip
         wide, tall = _LEFT + _WIDTH + _RIGHT, _TOP + _HEIGHT + _BOTTOM
-        parts = [
-            Markup('<svg x="0" y="{:g}" width="{:g}" height="{:g}">{}</svg>').format(
-                k * tall, wide, tall, chart
-            )
-            for k, chart in enumerate(charts)
-        ]
-        head = Markup('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:g} {:g}">').format(
-            wide, len(charts) * tall
-        )
-        own = Markup("<style>{}</style>").format(Markup(style)) if style else Markup()
-        return head + own + Markup().join(parts) + Markup("</svg>")
+        return drawing("stacked", charts, wide, tall, style)
 
     def _chart(
         self,

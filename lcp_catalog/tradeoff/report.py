@@ -26,7 +26,7 @@ from ..dem.public import Dems
 from ..errors import ConfigError
 from ..geometry.bounds import turned_deg
 from ..plots.axes import Axes, Axis
-from ..plots.numbers import number, page
+from ..plots.numbers import drawing, number, page
 from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.run import planned_build
@@ -468,24 +468,15 @@ def _label_places(rows: list[Row]) -> list[int]:
 def _marks(axes: Axes, row: Row, error: float, place: int) -> Markup:
     """Ring of the images and filled mark of the whole work, joined by a line, with the tier's name."""
     (images, whole), (y, _) = axes.at([row["render_relative"], row["cpu_relative"]], [error, error])
-    name = row["accuracy"]
     wrong = f"{100.0 * row['sunlit_error_share']:.3g} % of the nodes wrong"
-    parts = [Markup(f'<path class="tie" d="M{images:.1f} {y:.1f}H{whole:.1f}"/>')]
-    parts += [
-        Markup(
-            '<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="{}"><title>{}, {}: {:.3g} of reference, {}</title></circle>'
-        ).format(css, x, y, radius, name, what, row[key], wrong)
+    circles = [
+        (css, x, radius, f"{row['accuracy']}, {what}: {row[key]:.3g} of reference, {wrong}")
         for css, x, radius, what, key in (
             ("images", images, 5, "images alone", "render_relative"),
             ("whole", whole, 6, "whole work", "cpu_relative"),
         )
     ]
-    parts.append(
-        Markup('<text class="name middle" x="{:.1f}" y="{:.1f}">{}</text>').format(
-            whole, y - 12 - 15 * place, name
-        )
-    )
-    return Markup().join(parts)
+    return drawing("tier", row["accuracy"], y, 12 + 15 * place, circles)
 
 
 def _percent(power: int) -> str:

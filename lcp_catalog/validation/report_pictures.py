@@ -20,7 +20,7 @@ from ..arrays import Array
 from ..catalog.summary import percent
 from ..matching.matches import FOUND
 from ..plots.axes import Axes, Axis, round_ticks
-from ..plots.numbers import nice_step, number, typeset
+from ..plots.numbers import drawing, nice_step, number, typeset
 from ..plots.pictures import data_uri, grey, shrunk
 from .ground_comparison import BIN, WindowComparison
 from .result import ImageVerdict, Pictures, WindowFigures
@@ -88,38 +88,22 @@ class ImageDrawing:
         return np.asarray(((p >= 0.0) & (p <= (self.width, self.height))).all(axis=-1))
 
     def drawing(self, inside: str, label: str, below: float = 0.0) -> Markup:
-        """The whole SVG around the elements ``inside``: axes, and a space below them."""
-        width, height = self.width * self.scale, self.height * self.scale
-        wide = max(width, NARROWEST) + LEFT + RIGHT
-        high = height + TOP + BOTTOM + below
-        return Markup(
-            f'<div class="drawing" style="--wide:{wide:.0f}"><svg class="over" style="max-width:{wide:.0f}px" '
-            f'viewBox="{-LEFT:g} {-TOP:g} {wide:.1f} {high:.1f}" role="img" aria-label="{escape(label)}">'
-            f'<rect class="void" width="{width:.1f}" height="{height:.1f}"/>{inside}'
-            f'<rect class="edge" width="{width:.1f}" height="{height:.1f}"/>{self._axes(width, height)}</svg></div>'
-        )
-
-    def _axes(self, width: float, height: float) -> Markup:
-        """Ticks and their numbers at the left and the lower edge, with the unit once at each: at the
-        top and at the right.
+        """The whole SVG around the elements ``inside``: axes, and a space below them. The unit stands once
+        at each axis: at the top and at the right.
         """
-        step = nice_step(max(width, height) / self.scale * self.pixel, 6)
+        width, height = self.width * self.scale, self.height * self.scale
+        wide, high = max(width, NARROWEST) + LEFT + RIGHT, height + TOP + BOTTOM + below
+        ticks = self._ticks(width, last=True), self._ticks(height, last=False)
+        return drawing("image", width, height, LEFT, TOP, wide, high, *ticks, inside, label)
+
+    def _ticks(self, length: float, last: bool) -> list[tuple[float, str]]:
+        """Places and texts along an axis; its last or its first one has the unit."""
+        step = nice_step(max(self.width, self.height) * self.pixel, 6)
         apart = step / self.pixel * self.scale
-        parts = []
-        for name, length in (("x", width), ("y", height)):
-            count = int(length / apart + 1e-9)
-            for k in range(count + 1):
-                at, text = k * apart, typeset(number(k * step, 6))
-                if k == (count if name == "x" else 0):
-                    text += f" {self.unit}"
-                parts.append(
-                    f'<path class="axis" d="M{at:.1f} {height:.1f}v8"/>'
-                    f'<text class="middle" x="{at:.1f}" y="{height + 10:.1f}" dy=".9em">{text}</text>'
-                    if name == "x"
-                    else f'<path class="axis" d="M0 {at:.1f}h-8"/>'
-                    f'<text class="end" x="-12" y="{at:.1f}" dy=".35em">{text}</text>'
-                )
-        return Markup().join(Markup(part) for part in parts)
+        count = int(length / apart + 1e-9)
+        texts = [typeset(number(k * step, 6)) for k in range(count + 1)]
+        texts[count if last else 0] += f" {self.unit}"
+        return [(k * apart, text) for k, text in enumerate(texts)]
 
     def picture(self, address: str) -> Markup:
         """The image element with the frame's extent."""
@@ -492,18 +476,7 @@ def correlation_map(frame: ImageDrawing, windows: WindowComparison, address: str
 
 def colour_scale() -> Markup:
     """The colours of correlation with the limits between them."""
-    width, step = 300.0, 300.0 / len(COLOURS)
-    boxes = "".join(
-        f'<rect fill="rgb{colour}" x="{k * step:.1f}" width="{step:.1f}" height="14"/>'
-        for k, colour in enumerate(COLOURS)
-    )
-    names = "".join(
-        f'<text x="{(k + 1) * step:.1f}" y="30">{limit:g}</text>' for k, limit in enumerate(LIMITS)
-    )
-    return Markup(
-        f'<svg class="scale-bar" viewBox="-2 -2 {width + 4:g} 36" role="img" aria-label="colours of correlation, below 0 to 1">'
-        f'{boxes}<g class="names">{names}</g></svg>'
-    )
+    return drawing("colour_scale", COLOURS, LIMITS, 300.0)
 
 
 # -- histogram of the correlation
