@@ -17,7 +17,6 @@ from ..cameras.sensor import POSE
 from ..catalog.summary import percent
 from ..geometry.ellipses import error_ellipses
 from ..matching.matches import MEANINGS, REASONS
-from ..matching.pose import PositionError
 from ..matching.position_fix import BY_ALL_POINTS, LOCATED
 from ..matching.sun_check import SunCheck
 from ..navigation.documents import MEANINGS as WORDS
@@ -42,91 +41,36 @@ def render(verdict: ValidationResult, pictures: Sequence[Pictures]) -> str:
         heading="Validation of a catalogue with images",
         below=f"{catalog}: {names}",
         modes=MODES,
-        claims=claims_data(verdict),
+        whole=verdict.scores,
+        diagram=reliability_diagram(verdict.scores),
+        unclaimed=unclaimed_text(verdict.scores),
+        gates=(GATE_SIGMAS, GATE_PX),
         images=[
             _image(image, shown) for image, shown in zip(verdict.images, pictures, strict=True)
         ],
+        located=LOCATED,
+        full_pose=POSE,
+        reasons=REASONS,
+        rows_max=ROWS_MAX,
+        percent=percent,
+        finite=math.isfinite,
         data=json.dumps(stated, indent=1, ensure_ascii=False),
     )
 
 
 def _image(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
-    """Everything the page shows of an image."""
+    """What the page shows of an image besides its own figures."""
     return {
-        "name": image.facts.name,
-        "opened": image.facts.opened,
-        "result": image.verdict,
-        "reason": image.reason,
-        "overview": _overview_cells(image),
-        "tiles": _tiles(image),
-        "facts": _facts(image),
+        "of": image,
+        "figures": plain(image.figures()),
+        "chance": _chance(image),
+        "light": _light(image.located.sun),
         "windows": windows_data(image, shown),
         "points": points_data(image, shown),
-        "pose": pose_data(image.pose),
-        "table": table_data(image),
+        "corrections": _corrections(image.pose) if image.pose else [],
+        "sigma_px": error_ellipses(image.matches.covariance_px2)[0],
+        "residual_px": np.linalg.norm(image.residual_px, axis=-1),
     }
-
-
-def _overview_cells(image: ImageVerdict) -> tuple[str, ...]:
-    w = image.windows.compared if image.windows else None
-    pose = image.pose
-    return (
-        f"{int(image.matches.found.sum())} of {len(image.matches)}",
-        percent(w.share_above(0.9)) if w and w.count else "–",
-        number(pose.pose.position_sigma_m) if pose else "–",
-        _maybe(pose.position_error_m) if pose else "–",
-    )
-
-
-def _tiles(image: ImageVerdict) -> list[tuple[str, str]]:
-    found: dict[str, Any] = plain(image.figures())
-    count = f"{found['points_found']} of {found['points_in_view']}"
-    what = (
-        "points in view were found"
-        if image.pose
-        else "points that may be in view match individually"
-    )
-    shown = [(count, what) if found["points_in_view"] else ("0", "control points are in view")]
-    if found["points_found"]:
-        px, metres = found["offset_px"]["median"], found["offset_m"]["median"]
-        shown.append(
-            (f"{_maybe(px)} px", f"median offset from the given camera: {_maybe(metres)} m")
-        )
-    if image.pose is not None:
-        error = image.pose.position_error_m
-        known = "" if error is None else f"; error {number(error)} m"
-        shown.append(
-            (
-                f"{number(image.pose.pose.position_sigma_m)} m",
-                f"position uncertainty, 1 sigma{known}",
-            )
-        )
-    if image.windows is not None and image.windows.compared.count:
-        w = image.windows.compared
-        text = f"of {w.count} windows of {w.size} x {w.size} cells correlate above 0.9"
-        shown.append((percent(w.share_above(0.9)), text))
-    return shown
-
-
-def _facts(image: ImageVerdict) -> list[tuple[str, str]]:
-    f, w = image.facts, image.windows
-    sun = f"azimuth {f.sun_azimuth_deg:.1f}°, elevation {f.sun_elevation_deg:.1f}°"
-    origin = f" ({f.sun_from})" if f.sun_from else ""
-    rows = [
-        ("image", f"{f.width_px} x {f.height_px} pixels of {_maybe(f.pixel_m)} m"),
-        ("sensor", f.sensor),
-        ("Sun", sun + origin if math.isfinite(f.sun_elevation_deg) else ""),
-        ("off nadir", f"{f.off_nadir_deg:.1f}°" if math.isfinite(f.off_nadir_deg) else ""),
-        ("saturated", percent(f.saturated_share) if f.saturated_share > 0 else ""),
-        ("without data", percent(f.missing_share) if f.missing_share > 0 else ""),
-        ("chance agreement", _chance(image)),
-        ("check of the Sun", _light(image.located.sun)),
-        ("encoding", image.encoding.sentence if image.encoding else ""),
-        ("rendered DEM", w.against if w else ""),
-        ("window cells", f"{number(w.compared.gsd_m, 4)} m: {w.resolution}" if w else ""),
-        ("offset", w.offset_sentence if w else ""),
-    ]
-    return [(name, text) for name, text in rows if text]
 
 
 def _chance(image: ImageVerdict) -> str:
@@ -160,40 +104,8 @@ def _turn(turned_deg: float, raised_deg: float) -> str:
     return ", ".join(f"{how} {by:+g}°" for by, how in parts if by)
 
 
-def _maybe(value: float | None) -> str:
-    return number(math.nan if value is None else value)
-
-
-COLUMNS = (
-    "",
-    "trials",
-    "found of usable",
-    "found of others",
-    "usable of found",
-    "Brier score (constant)",
-    "calibration error",
-    "squared error over claimed",
-)
-"""Columns of the table of scores: the image, and `_cells`."""
-
 _TICKS = [(k / 5, f"{k / 5:g}") for k in range(6)]
 _SIDE = 330.0
-
-
-def claims_data(verdict: ValidationResult) -> dict[str, Any]:
-    """The diagram, its caption, and the table; ``none`` states why nothing was scored."""
-    whole = verdict.scores
-    data: dict[str, Any] = dict.fromkeys(("none", "diagram", "caption"), None)
-    data |= {"columns": COLUMNS, "rows": []}
-    if not whole.count:
-        return data | {"none": f": {whole.reason}" if whole.reason else ""}
-    rows = [(k, image.facts.name, _cells(image.scores)) for k, image in enumerate(verdict.images)]
-    together = [(None, "all images", _cells(whole))] if len(rows) > 1 else []
-    return data | {
-        "diagram": reliability_diagram(whole),
-        "caption": _caption(whole),
-        "rows": rows + together,
-    }
 
 
 def reliability_diagram(scores: Scores) -> Markup:
@@ -240,45 +152,6 @@ def unclaimed_text(scores: Scores) -> str:
     return f"Points in view without a claim, left out: {scores.unclaimed} ({', '.join(causes)})."
 
 
-def _caption(scores: Scores) -> list[str]:
-    """Sentences below the diagram."""
-    sentences = [
-        f"Trials: {scores.count} searches for points in view, each within the catalogue's search radius. "
-        f"{unclaimed_text(scores)}",
-        f"Found: a match within {GATE_SIGMAS:g} claimed sigmas, or {GATE_PX:g} pixels, of the place that the corrected "
-        "camera predicts.",
-        "Vertical bars: 95 % confidence intervals of the share found (Wilson). Broken line: exact agreement. Mean distance "
-        f"from it (expected calibration error): {number(scores.expected_calibration_error)}.",
-    ]
-    if scores.errors:
-        sentences.append(
-            f"Squared error of the {scores.errors} usable points that were found, over its expectation by the claimed "
-            f"covariance: {number(scores.normalised_squared_error)} in the mean, "
-            f"{number(scores.normalised_squared_error_median)} by the median. Above 1 the claimed sigmas are too small."
-        )
-    return sentences
-
-
-def _cells(scores: Scores) -> tuple[str, ...]:
-    """Cells of a row of the table; the reason alone if there is no trial."""
-    if not scores.count:
-        return (scores.reason or "no trial",)
-    error = number(scores.normalised_squared_error)
-    return (
-        str(scores.count),
-        _share(scores.found_of_usable, scores.usable),
-        _share(scores.found_of_unusable, scores.count - scores.usable),
-        _share(scores.usable_of_found, scores.found),
-        f"{number(scores.brier)} ({number(scores.brier_of_the_mean)})",
-        number(scores.expected_calibration_error),
-        f"{error} of {scores.errors}" if scores.errors else "–",
-    )
-
-
-def _share(share: float, count: int) -> str:
-    return f"{percent(share)} of {count}" if math.isfinite(share) else "–"
-
-
 _ARC_SECONDS = math.degrees(3600.0)
 _CORRECTIONS = {
     "x_m": ("position, MCMF x", "m", 1.0),
@@ -293,22 +166,11 @@ _CORRECTIONS = {
 """Name, unit, and the factor to that unit."""
 
 
-def pose_data(figures: PoseFigures | None) -> dict[str, Any] | None:
-    """Table of the corrections and facts on the position; None without a pose."""
-    if figures is None:
-        return None
+def _corrections(figures: PoseFigures) -> list[tuple[str, str, str]]:
+    """Rows of the table of the corrections."""
     pose = figures.pose
     each = zip(pose.sensor.corrections, pose.correction, pose.sigma, pose.solved, strict=True)
-    axes = " x ".join(number(axis) for axis in figures.position_axes_m)
-    facts = [
-        ("position, 1 sigma", f"{number(pose.position_sigma_m)} m; along its axes {axes} m"),
-        ("position error", _error(figures.error) if pose.sensor.corrections == POSE else ""),
-        ("normalised error", f"{number(pose.normalised_error)} (expected: 1)"),
-    ]
-    return {
-        "corrections": [_correction(n, value, sigma, solved) for n, value, sigma, solved in each],
-        "facts": [(name, text) for name, text in facts if text],
-    }
+    return [_correction(n, value, sigma, solved) for n, value, sigma, solved in each]
 
 
 def _correction(name: str, value: float, sigma: float, solved: bool) -> tuple[str, str, str]:
@@ -317,16 +179,6 @@ def _correction(name: str, value: float, sigma: float, solved: bool) -> tuple[st
     if not solved:
         return meaning, "–", "fixed"
     return meaning, f"{_signed(value * factor)} {unit}", f"{number(sigma * factor)} {unit}"
-
-
-def _error(error: PositionError | None) -> str:
-    if error is None:
-        return "unknown; if the pose is stated to be known, the camera file’s position is taken as the true one"
-    off, sigma = error.error, error.sigma
-    return (
-        f"{number(off.whole_m)} m from the true position; across the line of sight {number(off.across_m)} m "
-        f"(1 sigma {number(sigma.across_m)} m), along it {number(off.along_m)} m ({number(sigma.along_m)} m)"
-    )
 
 
 def _signed(value: float) -> str:
@@ -352,7 +204,6 @@ def points_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any] | None:
     label = f"control points in {image.facts.name}"
     return {
         "drawing": frame.drawing(inside, label, SCALE_ROOM if has_arrows else 0),
-        "text": _arrow_sentence(image),
         "residuals": _residuals(image, arrows),
         "legend": drawings.reason_key(image.matches.counts().items(), MEANINGS),
     }
@@ -412,13 +263,6 @@ def _arrows(image: ImageVerdict) -> Arrows:
     return Arrows(start, by, css if located else [""] * len(found), titles)
 
 
-def _arrow_sentence(image: ImageVerdict) -> str:
-    if not image.matches.found.any():
-        return ""
-    start = "the corrected camera" if image.verdict == LOCATED else "the given camera"
-    return f"Arrows lead from the position predicted by {start} to the position found."
-
-
 def _residuals(image: ImageVerdict, arrows: Arrows) -> dict[str, Any] | None:
     """Numbers of residuals by their size in sigma, which colours the arrows; None without a pose."""
     if image.verdict != LOCATED or not len(arrows.by):
@@ -435,68 +279,3 @@ def _residuals(image: ImageVerdict, arrows: Arrows) -> dict[str, Any] | None:
             for (_, css), name in zip(drawings.ERROR_CLASSES, names, strict=True)
         ],
     }
-
-
-# -- the table
-
-
-_COLUMNS = (
-    ("id", "identifier in the catalogue"),
-    ("lon, °E", "longitude"),
-    ("lat, °N", "latitude"),
-    ("expected, px", "column, row from the given camera"),
-    ("found, px", "column, row"),
-    ("residual, px", "length, after the pose estimate"),
-    ("sigma, px", "1 sigma, major and minor axis"),
-    ("corr.", "correlation at the peak"),
-    ("2nd", "highest correlation elsewhere in the search area"),
-    ("back, px", "closing error of the backward search"),
-    ("claimed", "detection probability by the catalogue, without claim: –"),
-    ("result", "found, or the reason why not"),
-)
-
-
-def table_data(image: ImageVerdict) -> dict[str, Any] | None:
-    """Table of the points in view; None without any."""
-    n = len(image.matches)
-    if not n:
-        return None
-    more = f" The first {ROWS_MAX} are shown; the CSV file has all." if n > ROWS_MAX else ""
-    return {
-        "summary": f"Table of the {n} points {'' if image.pose else 'that may be '}in view.{more}",
-        "columns": _COLUMNS,
-        "rows": list(zip(image.matches.found[:ROWS_MAX], _rows(image), strict=True)),
-    }
-
-
-def _rows(image: ImageVerdict) -> list[tuple[str, ...]]:
-    matches, points = image.matches, image.points
-    sigma, _ = error_ellipses(matches.covariance_px2)
-    residual = np.linalg.norm(image.residual_px, axis=-1)
-    return [
-        (
-            str(points.point_id[i]),
-            f"{points.longitude_deg[i]:.4f}",
-            f"{points.latitude_deg[i]:.4f}",
-            _pair(matches.predicted_px[i], ", ", ".1f"),
-            _pair(matches.found_px[i], ", ", ".2f"),
-            _fixed(residual[i], ".3f"),
-            _pair(sigma[i], " x ", ".3f"),
-            _fixed(matches.correlation[i], ".3f"),
-            _fixed(matches.second[i], ".3f"),
-            _fixed(matches.back_px[i], ".2f"),
-            _fixed(image.claims.probability[i], ".2f"),
-            REASONS[matches.code[i]],
-        )
-        for i in range(min(len(matches), ROWS_MAX))
-    ]
-
-
-def _fixed(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else "–"
-
-
-def _pair(values: Array, between: str, form: str) -> str:
-    if not np.isfinite(values).all():
-        return "–"
-    return between.join(format(value, form) for value in values)
