@@ -18,7 +18,6 @@ from markupsafe import Markup
 
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, write_bytes
-from ..geometry.map_plane import EQUIRECTANGULAR, ORTHOGRAPHIC, POLAR_STEREOGRAPHIC, MapPlane
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import number, page
 from ..plots.pictures import data_uri
@@ -299,27 +298,30 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         below=name,
         steps=STEPS,
         disc_cells=disc.definitions(),
-        figures=_figures(found),
-        summary=_summary(found),
+        found=found,
+        percent=percent,
+        latitude=latitude_name,
+        summary=[
+            (name, text)
+            for name, text in summary_rows(found)
+            if not name.startswith(" ") and name != "points"
+        ],
         map=_map(catalog, statistics),
         holes=holes,
         hole_note=_hole_note(catalog, holes),
-        projection=_projection(catalog.overview.plane),
-        points_shown=_points_sentence(catalog),
-        elevations=found["usable_by_sun_elevation"],
+        plane=catalog.overview.plane,
+        catalog=catalog,
+        points_max=POINTS_MAX,
         elevation_chart=_elevation_chart(found),
         promise=_promise(catalog, found),
         claims=_claims(catalog, statistics, disc),
-        views=_views(statistics, found, disc),
+        discs=_discs(statistics, disc),
+        view_name=view_name,
         distributions=_distributions(catalog),
         chosen=sentence,
-        disc_meaning="share of the views" if len(catalog.view_off_nadir) > 1 else "usable or not",
-        orders=ORDERS,
         cards=[_card(catalog, statistics, disc, int(i)) for i in chosen],
-        software_version=catalog.software_version,
         schema_version=SCHEMA_VERSION,
-        sources=_sources(catalog),
-        config=catalog.config,
+        sources=[*catalog.sources, *(catalog.albedo_map or {}).get("files", [])],
         scene_plan=json.dumps(catalog.scene_plan, indent=1, sort_keys=True, ensure_ascii=False),
     )
 
@@ -404,36 +406,6 @@ def _promise(catalog: Catalog, found: dict[str, Any]) -> dict[str, Any] | None:
     return {**told, "chart": chart, "worst": worst}
 
 
-def _figures(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """Key figures and their meanings."""
-    sigma, coverage = found["localization_sigma_m"], found["coverage"]
-    cells = sum(coverage.values()) - coverage["nodata"]
-    return [
-        (str(found["points"]), "control points"),
-        (percent(found["usable_share"]), "of the evaluated conditions are usable"),
-        (
-            str(found["universal_points"]),
-            "universal points: usable in at least 95 % of their conditions",
-        ),
-        (
-            "–" if sigma is None else f"{number(sigma['median'])} m",
-            "median position uncertainty, 1 sigma, worst usable condition",
-        ),
-        (
-            percent(coverage["point"] / cells if cells else None),
-            "of the spacing cells with heights have a control point",
-        ),
-    ]
-
-
-def _summary(found: dict[str, Any]) -> list[tuple[str, str]]:
-    return [
-        (name.strip(), text)
-        for name, text in summary_rows(found)
-        if not name.startswith(" ") and name != "points"
-    ]
-
-
 def _map(catalog: Catalog, statistics: Statistics) -> Markup:
     chart = _chart(catalog)
     marks = [*_hole_marks(catalog, chart), *_point_marks(catalog, statistics, chart)]
@@ -454,13 +426,6 @@ def _point_marks(catalog: Catalog, statistics: Statistics, chart: ReliefMap) -> 
         )
         for i in np.argsort(shares, kind="stable")
     ]
-
-
-def _points_sentence(catalog: Catalog) -> str:
-    """What the map leaves out; empty if it shows all points."""
-    if len(catalog) <= POINTS_MAX:
-        return ""
-    return f"The map shows an even sample of {POINTS_MAX} of the {len(catalog)} points."
 
 
 def _hole_marks(catalog: Catalog, chart: ReliefMap) -> list[Mark]:
@@ -495,15 +460,6 @@ def _hole_note(catalog: Catalog, holes: list[dict[str, Any]]) -> str:
     return f" ({'; '.join(notes)})" if notes else ""
 
 
-def _projection(plane: MapPlane) -> str:
-    """Words for the map's projection."""
-    return {
-        ORTHOGRAPHIC: "orthographic projection, north up at the centre",
-        EQUIRECTANGULAR: f"equirectangular projection, true to scale at latitude {plane.center_lat:g}°",
-        POLAR_STEREOGRAPHIC: "polar stereographic projection",
-    }[plane.projection]
-
-
 def _holes(catalog: Catalog) -> list[dict[str, Any]]:
     """Legend of the spacing cells without a point."""
     counts = coverage_counts(catalog)
@@ -514,15 +470,11 @@ def _holes(catalog: Catalog) -> list[dict[str, Any]]:
     ]
 
 
-def _views(statistics: Statistics, found: dict[str, Any], disc: SunDisc) -> list[dict[str, Any]]:
-    shares = zip(statistics.by_view_and_sun, found["views"], strict=True)
+def _discs(statistics: Statistics, disc: SunDisc) -> list[Markup]:
+    """The usable share by Sun direction in each view."""
     return [
-        {
-            "disc": disc.draw(share, f"usable share by Sun direction, view {k}", large=True),
-            "name": view_name(view).capitalize(),
-            "usable": percent(view["usable_share"]),
-        }
-        for k, (share, view) in enumerate(shares)
+        disc.draw(share, f"usable share by Sun direction, view {k}", large=True)
+        for k, share in enumerate(statistics.by_view_and_sun)
     ]
 
 
@@ -553,15 +505,6 @@ def _chosen(statistics: Statistics, most: int) -> tuple[AnyArray, str]:
     return np.concatenate([order[:third], sample, order[-third:]]), text
 
 
-ORDERS = (
-    ("usable", "usable share"),
-    ("sigma", "position uncertainty"),
-    ("peak", "second peak"),
-    ("id", "identifier"),
-)
-"""Figures by which the cards can be sorted, and their names."""
-
-
 def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> dict[str, Any]:
     """One point's patch, Sun directions and figures."""
     share, sigma = float(statistics.by_point[i]), catalog.localization_sigma[i]
@@ -573,30 +516,9 @@ def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> di
     }
     label = f"Sun directions for which point {catalog.point_id[i]} is usable"
     return {
-        "point_id": catalog.point_id[i],
+        "row": i,
+        "usable": share,
         "sort_keys": {k: v if np.isfinite(v) else 1e300 for k, v in sort_keys.items()},
         "relief": data_uri(hillshade(catalog.part("dem", i), float(catalog.gsd[i]))),
-        "size": number((catalog.patch_nodes - 1) * float(catalog.gsd[i]) / 1e3),
         "disc": disc.draw(share_by_sun(catalog, i), label),
-        "facts": [
-            ("longitude", f"{catalog.longitude[i]:.4f}° E"),
-            ("latitude", latitude_name(catalog.latitude[i])),
-            ("elevation", f"{catalog.elevation[i]:.0f} m"),
-            ("usable", percent(share)),
-            ("1 sigma", f"{number(float(sigma[0]))} x {number(float(sigma[1]))} m"),
-            ("second peak", number(float(catalog.second_peak[i]))),
-            ("false match", number(float(catalog.false_match_probability[i]), 2)),
-            (
-                "image gsd",
-                f"{number(float(catalog.gsd_min[i]))} to {number(float(catalog.gsd_max[i]))} m",
-            ),
-        ],
     }
-
-
-def _sources(catalog: Catalog) -> list[dict[str, str]]:
-    """Names, sizes and checksums of the DEM and albedo files."""
-    files = [*catalog.sources, *(catalog.albedo_map or {}).get("files", [])]
-    return [
-        {name: str(source.get(name, "")) for name in ("name", "size", "sha256")} for source in files
-    ]
