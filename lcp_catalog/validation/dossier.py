@@ -41,17 +41,6 @@ FRAME_NUMBERS = (
 )
 """Figures of a frame that a requirement can name, beside those of a validation report."""
 
-MEANINGS = {
-    "match": "match of a patch with the image: noise of the sensor, errors of heights and brightness",
-    "place": "place of a patch on the ground, different for each point (errors.position_sigma_m)",
-    "pixel": "least error of a place in an image",
-    "height": "heights of the points (elevation_sigma, or as stated)",
-    "shadow": "shadows that cells do not resolve, common to all points (errors.shadow_shift)",
-    "map": "tie of the map to the Moon's frame, common to all points (stated)",
-    "attitude": "attitude of the camera as known before",
-}
-"""The sources of error of `navigation.expected_position.SOURCES` for readers."""
-
 
 @dataclass(frozen=True)
 class Evidence:
@@ -72,37 +61,6 @@ class Evidence:
         if not sound or not images:
             raise ConfigError(f"{path}: is not a report.json of lcp validate, or has no image")
         return cls(str(path), document)
-
-    @property
-    def rows(self) -> list[list[str]]:
-        """A row of the table for each image."""
-        return [
-            [
-                image["image"],
-                image["verdict"],
-                f"{_shown(image, 'points_found')} of {_shown(image, 'points_in_view')}",
-                _shown(image, "pose.position_error_m"),
-                _shown(image, "pose.position_sigma_m"),
-                _shown(image, "pose.normalised_error"),
-                _shown(image, "claims.found_of_usable"),
-                _shown(image, "claims.normalised_squared_error"),
-                _shown(image, "windows.share_above_0_9"),
-            ]
-            for image in self.document["images"]
-        ]
-
-
-EVIDENCE_COLUMNS = (
-    "image",
-    "verdict",
-    "points found",
-    "position error, m",
-    "its sigma, m",
-    "error over sigma",
-    "found of usable",
-    "squared error of points",
-    "windows above 0.9",
-)
 
 
 @dataclass(frozen=True)
@@ -212,17 +170,13 @@ def render(
         verdict=verdict,
         catalogue=[(title.strip(), text) for title, text in rows if not title.startswith(" ")],
         of_a_point=point_budget(catalog, query),
-        frames=[_frame_row(answer, k) for k, answer in enumerate(found, 1)],
-        meanings=[MEANINGS[source] for source in SOURCES],
+        frames=[(frame_figures(answer, k), answer) for k, answer in enumerate(found, 1)],
         sources=SOURCES,
-        attitude=_attitude(query),
-        evidence=[(one.name, one.rows) for one in evidence],
-        evidence_columns=EVIDENCE_COLUMNS,
-        model=[(key, _text(value)) for key, value in catalog.errors.items()],
-        files=[
-            f"{source.get('name', '')}, {source.get('size', '')} bytes, sha256 {source.get('sha256', '')}"
-            for source in catalog.sources
-        ],
+        attitude_deg=math.degrees(query.attitude_sigma_rad),
+        evidence=evidence,
+        figure=_text,
+        files=catalog.sources,
+        errors=catalog.errors,
         software=catalog.software_version,
     )
 
@@ -267,40 +221,6 @@ def _spread(values: Array) -> tuple[str, str]:
     if not len(values):
         return "not known", "not known"
     return number(float(np.median(values))), number(float(np.quantile(values, 0.95)))
-
-
-def _frame_row(answer: Answer, count: int) -> dict[str, Any]:
-    found, budget = frame_figures(answer, count), answer.position.budget_m
-    azimuth, elevation = answer.sun_deg
-    return {
-        "name": found["image"],
-        "sun": f"{azimuth:.1f}° / {elevation:.1f}°",
-        "points": f"{found['usable']} of {found['in_view']}",
-        "located": f"{found['located_probability']:.2f}",
-        "budget": [_text(None if budget is None else budget[source]) for source in SOURCES],
-        "sigma": _text(found["position_sigma_m"]),
-        "axes": ", ".join(
-            _text(found[name]) for name in ("sigma_east_m", "sigma_north_m", "sigma_up_m")
-        ),
-        "known": _text(found["position_sigma_known_attitude_m"]),
-        "reason": found["reason"],
-    }
-
-
-def _attitude(query: Query) -> str:
-    if math.isinf(query.attitude_sigma_rad):
-        return "The attitude is unknown before and solved with the position."
-    if query.attitude_sigma_rad == 0.0:
-        return "The attitude is exact."
-    degrees = math.degrees(query.attitude_sigma_rad)
-    return f"The attitude is known before to {number(degrees)}° about each axis (1 sigma)."
-
-
-def _shown(image: Mapping[str, Any], path: str) -> str:
-    found: Any = image
-    for part in path.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
-    return _text(found)
 
 
 def _text(value: Any) -> str:
