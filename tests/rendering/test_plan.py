@@ -144,19 +144,21 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
 def test_renders_take_the_path_that_the_plan_says(monkeypatch):
     """The shorter path if an effect is not modelled, the full one if it is."""
     from lcp_catalog.rendering import renderer
+    from lcp_catalog.terrain.heightfield import Heightfield
 
     called = []
-    for name in ("occluded", "sunlit_share", "_hidden", "parallel_view"):
-        original = getattr(renderer, name)
+    names = ("occluded", "sunlit_share", "parallel_view")
+    for owner, name in (*((renderer, n) for n in names), (Heightfield, "occluded_nodes_from")):
+        original = getattr(owner, name)
         monkeypatch.setattr(
-            renderer, name, lambda *a, n=name, f=original, **k: (called.append(n), f(*a, **k))[1]
+            owner, name, lambda *a, n=name, f=original, **k: (called.append(n), f(*a, **k))[1]
         )
     flat, rough = make(np.zeros((9, 9))), make(np.random.default_rng(1).normal(size=(9, 9)) * 30)
     sun, far = direction_enu(80.0, 20.0), CameraView(direction_enu(30.0, 50.0) * 1e9)
     for terrain, disc, expected in (
         (flat, True, ["parallel_view"]),
-        (rough, False, ["occluded", "_hidden"]),
-        (rough, True, ["sunlit_share", "_hidden"]),
+        (rough, False, ["occluded", "occluded_nodes_from"]),
+        (rough, True, ["sunlit_share", "occluded_nodes_from"]),
     ):
         called.clear()
         render_enu(terrain, sun, far, Method(accuracy=STANDARD, disc=disc))
