@@ -93,8 +93,8 @@ class ImageDrawing:
         """
         width, height = self.width * self.scale, self.height * self.scale
         wide, high = max(width, NARROWEST) + LEFT + RIGHT, height + TOP + BOTTOM + below
-        ticks = self._ticks(width, last=True), self._ticks(height, last=False)
-        return drawing("image", width, height, LEFT, TOP, wide, high, *ticks, inside, label)
+        x, y = self._ticks(width, last=True), self._ticks(height, last=False)
+        return drawing("image", width, height, LEFT, TOP, wide, high, x, y, inside, label)
 
     def _ticks(self, length: float, last: bool) -> list[tuple[float, str]]:
         """Places and texts along an axis; its last or its first one has the unit."""
