@@ -54,7 +54,7 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
     plain file, or not on this machine; if a block of it is beyond reason.
     """
     todo, seen, files = [_Named(str(path), path)], {str(path)}, dict[Path, None]()
-    with rasterio.Env.from_defaults(CPL_VSIL_CURL_ALLOWED_FILENAME="none"):
+    with _offline():
         for one in todo:  # which grows
             file = one.file()
             files[file] = None
@@ -76,7 +76,7 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
 def opened(name: str, kind: str) -> Any:
     """A file opened by GDAL without a look at what it names; DemError as `open_raster`."""
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _offline():
             warnings.simplefilter(
                 "ignore", NotGeoreferencedWarning
             )  # said where the grid is needed
@@ -90,6 +90,11 @@ def opened(name: str, kind: str) -> Any:
                 "store it in tiles (gdal_translate -co TILED=YES)"
             )
     return dataset
+
+
+def _offline() -> rasterio.Env:
+    """An environment of GDAL, with its drivers, that asks no server."""
+    return rasterio.Env.from_defaults(CPL_VSIL_CURL_ALLOWED_FILENAME="none")
 
 
 def cause_of(error: BaseException) -> str:

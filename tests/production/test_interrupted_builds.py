@@ -277,12 +277,12 @@ def test_a_file_behind_a_vrt_of_a_vrt_is_an_input(tmp_path: Path) -> None:
     assert names == ["two.vrt", "one.vrt", "dem.tif"]
     with pytest.raises(OutputError, match="is read, too"):
         BuildRun(plan, dem, overwrite=True).whole()
-    checkpoints = Checkpoints.beside(output, plan.fingerprint())
+    checkpoints = Checkpoints.beside(output, plan.facts())
     with checkpoints.locked(shared=True):
         checkpoints.begin(resume=False)
     with rasterio.open(dem, "r+") as file:
         file.write(file.read(1) + 1, 1)
     with pytest.raises(AreaFailedError, match=r"dem\.tif: was changed"):
         plan.inputs.require_unchanged()
-    with pytest.raises(OutputExistsError, match="another configuration, DEM or version"):
+    with pytest.raises(OutputExistsError, match="from a run with another files"):
         BuildRun(Build.plan((tmp_path / "two.vrt",), CONFIG), output, resume=True).whole()

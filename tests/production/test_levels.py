@@ -331,4 +331,4 @@ def test_less_memory_divides_every_level(dems: tuple[Path, Path]) -> None:
     for less, level in zip(tight.levels, wide.levels, strict=True):
         assert less.recipe.config.model.area_nodes_max < level.recipe.config.model.area_nodes_max
         assert len(less.jobs) > len(level.jobs)
-    assert tight.facts() != wide.fingerprint()
+    assert tight.facts() != wide.facts()

@@ -278,7 +278,7 @@ def test_errors_of_the_configuration_decide(plan: Build) -> None:
     errors = ErrorConfig(sensor_noise=0.3, height_sigma_m=60.0, albedo_sigma=0.2)
     loud = Build.plan((DEM,), dataclasses.replace(CONFIG, errors=errors))
     assert loud.recipe.errors.height_length_m == plan.recipe.errors.height_length_m
-    assert loud.facts() != plan.fingerprint()
+    assert loud.facts() != plan.facts()
     middle = len(plan.jobs) // 2
     ours, theirs = (run_area(p.jobs[middle]).candidates.evaluation for p in (plan, loud))
     assert np.nanmean(theirs.detection) < 0.7 * np.nanmean(ours.detection)

@@ -72,7 +72,7 @@ def test_many_conditions_and_close_candidates_take_smaller_areas() -> None:
 def test_a_worker_keeps_its_promise() -> None:
     """Without the promise, an area of 1024 nodes takes 553 MB."""
     build = Build.plan((DEM,), FINE, TIGHT_GB)
-    assert build.facts() != Build.plan((DEM,), FINE).fingerprint()
+    assert build.facts() != Build.plan((DEM,), FINE).facts()
     assert (
         f"area_nodes_max = {build.recipe.config.model.area_nodes_max}\n"
         in build.recipe.config.to_toml()
