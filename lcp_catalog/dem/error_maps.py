@@ -15,13 +15,11 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Float32
-from ..atomic_files import file_facts
 from ..errors import DemError
 from .dem import Dem
 from .grid import Grid
@@ -158,10 +156,6 @@ class ErrorMaps:
     def files(self) -> tuple[Path, ...]:
         """Every local file that is read for the maps."""
         return tuple(dict.fromkeys(file for one in self.maps for file in one.files))
-
-    def provenance(self) -> list[dict[str, Any]]:
-        """Name, size and SHA-256 of every file, without folders."""
-        return file_facts(self.files)
 
     def check_cover(self, lon_deg: ArrayLike, lat_deg: ArrayLike, where: object) -> None:
         """DemError for a map without a value at any of some places (n,) of an area, which ``where``

@@ -20,18 +20,16 @@ Public functions that make catalogues: a build, and a merge of several.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..atomic_files import check_output
+from ..atomic_files import check_output, file_facts
 from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.schema import COVERAGE_STATUS
 from ..catalog.verification import open_catalog
@@ -316,11 +314,7 @@ class Build:
         self.inputs.digest()
         configs = (level.recipe.config for level in self.levels)
         texts = [replace(c, model=c.model.portable, dem=c.dem.portable).to_toml() for c in configs]
-        files: list[Any] = [self.recipe.dems.sources()]
-        files += [one.provenance() for one in (self.recipe.albedo, self.recipe.maps) if one]
-        law = law_file(self.recipe.config.model.reflectance)
-        files += [hashlib.sha256(law.read_bytes()).hexdigest()] if law else []
-        own = {"configuration": texts, "files": files}
+        own = {"configuration": texts, "files": file_facts(self.files)}
         return code_facts() | {name: fingerprint(facts) for name, facts in own.items()}
 
 

@@ -14,6 +14,7 @@ from helpers.catalogs import HADLEY
 from helpers.products import DEGREE_M, cylinder, geotiff
 from scipy.interpolate import RegularGridInterpolator
 
+from lcp_catalog.atomic_files import file_facts
 from lcp_catalog.dem import grid
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.error_maps import (
@@ -129,7 +130,7 @@ def test_no_map_at_all_is_none_and_one_of_two_is_enough(tmp_path: Path) -> None:
     assert np.isnan(sigma).all()
     assert np.isfinite(resolution).tolist() == [True, False]
     assert maps.files == (path,)
-    (fact,) = maps.provenance()
+    (fact,) = file_facts(maps.files)
     assert fact["name"] == "effres.tif"
     assert len(fact["sha256"]) == 64
 
