@@ -12,9 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from ..arrays import AnyArray, Array, Index, Mask
 from ..constants import MOON_RADIUS_M
@@ -37,6 +34,10 @@ def connected_regions(mask: Mask, wraps: bool = False) -> Index:
     in it. Cells are connected along their sides; if the raster ``wraps``, also from the last column
     to the first.
     """
+    from scipy import ndimage
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     label, count = ndimage.label(mask)
     if wraps and count:
         first, last = label[:, 0], label[:, -1]
