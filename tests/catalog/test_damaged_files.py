@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import shutil
+import struct
 import subprocess
 import sys
 import time
@@ -18,7 +19,7 @@ import pytest
 from helpers import catalogs, damaged_catalogs
 from helpers.commands import run
 
-from lcp_catalog.catalog import verification
+from lcp_catalog.catalog import file_structure, verification
 from lcp_catalog.catalog.report import write_report
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
@@ -164,6 +165,22 @@ def test_nothing_outside_is_read_and_no_claim_is_believed(
     assert any(line.startswith(STRUCTURES[change]) for line in problems), problems
     with pytest.raises(CatalogError):
         open_catalog(copy, check=False)
+
+
+@pytest.mark.parametrize("start", [0, 2, 4])
+def test_an_index_names_each_chunk_once_in_its_place(tmp_path: Path, start: int) -> None:
+    """In an index of HDF5 1.8, which has no checksum, the second chunk's place along the axis is changed."""
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w", libver="earliest") as file:
+        file.create_dataset("a", data=np.arange(4.0), chunks=(2,), fletcher32=True)
+    content = bytearray(path.read_bytes())
+    entry = content.index(b"TREE\x01") + 24 + 32  # size, mask and offset of the second chunk
+    assert struct.unpack_from("<IIQ", content, entry) == (20, 0, 2)
+    struct.pack_into("<Q", content, entry + 8, start)
+    path.write_bytes(content)
+    with h5py.File(path) as file:
+        fault = file_structure._storage_fault(file["a"], len(content))
+    assert fault == ("" if start == 2 else "has chunks that are not each in a place of their own")
 
 
 def test_an_attribute_that_claims_much_is_not_read(copy: Path) -> None:

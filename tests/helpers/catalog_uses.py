@@ -91,6 +91,10 @@ USES: dict[str, Callable[[Path, Path], Any]] = {
 }
 
 
+OF_PARTS = ("query", "windows")
+"""Uses that check of a large file no more than they need; the others refuse whatever `inspect` rejects."""
+
+
 def outcome(use: str, path: Path, folder: Path) -> Any:
     """A use's result, or the text of its CatalogError."""
     try:
@@ -144,8 +148,10 @@ def tried(folder: Path, flips: int, uses: Sequence[str]) -> Iterator[Counter[str
     sound = {use: outcome(use, whole, folder) for use in uses}
     found = Counter[str]()
     for what, path in damaged(whole, flips):
+        rejected = isinstance(outcome("inspect", path, folder), str)
         for use in uses:
             got = outcome(use, path, folder)
             assert not taken(use, sound[use], got), (use, what)
+            assert use in OF_PARTS or isinstance(got, str) == rejected, (use, what)
             found.update({"tried": 1, "refused" if isinstance(got, str) else "same": 1})
         yield found
