@@ -255,12 +255,12 @@ def config_files(path: str) -> Iterator[Path]:
     """Maps and reflectance model that a BUILD.toml names, with what is read with them; none for an invalid
     file, which is refused when it is read.
     """
-    from lcp_catalog.errors import ConfigError
+    from lcp_catalog.errors import LcpError
     from lcp_catalog.production.config import BuildConfig
 
     try:
         named = BuildConfig.from_toml(Path(path)).files
-    except ConfigError:
+    except LcpError:
         return
     for file in named:
         yield file

@@ -44,7 +44,7 @@ class LcpError(Exception):
 
 
 class InputError(LcpError, FileNotFoundError):
-    """An input file does not exist."""
+    """An input file does not exist, or the system does not read it."""
 
 
 class LabelError(LcpError, ValueError):
@@ -109,3 +109,9 @@ class ClusterError(LcpError, ConnectionError):
 
 class MissingPackageError(LcpError, ImportError):
     """A package is not installed that only this output needs."""
+
+
+def unread(path: object, error: OSError) -> InputError:
+    """The error of an input file that is not there, or that the system does not read."""
+    missing = isinstance(error, FileNotFoundError)
+    return InputError(f"{path}: {'there is no such file' if missing else error.strerror or error}")

@@ -45,7 +45,7 @@ import tomli_w
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import ConfigError, InputError, plain
+from ..errors import ConfigError, plain, unread
 from ..kernels.photometry import facet as kernel
 from ..toml_files import is_number, parse_toml
 
@@ -430,13 +430,11 @@ class FacetFile:
 
 
 def load_model(path: Path | str) -> FacetFile:
-    """Read a MODEL.toml; the ConfigError of an invalid file names it. InputError if there is none."""
+    """Read a MODEL.toml; the ConfigError of an invalid file names it. InputError if it cannot be read."""
     try:
         return FacetFile.from_toml(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: there is no such file") from error
     except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from error
+        raise unread(path, error) from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not TOML: not a text file in UTF-8") from error
     except ConfigError as error:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..accuracy import DEFAULT_TIER, TIERS, Accuracy, accuracy
 from ..choices import AUTO_LAW, ENCODINGS, GSD_MAX_M, LEVEL_RATIO, REFLECTANCE_MODELS
-from ..errors import ConfigError, plain
+from ..errors import ConfigError, plain, unread
 from ..fields import check_fields, meanings, meant
 from ..toml_files import dataclass_of, parse_toml
 
@@ -728,12 +728,13 @@ class BuildConfig:
 
     @classmethod
     def from_toml(cls, path: Path) -> BuildConfig:
-        """Read a BUILD.toml. ConfigError for unknown sections or keys, and for invalid values."""
+        """Read a BUILD.toml. ConfigError for unknown sections or keys, and for invalid values; InputError if it
+        cannot be read.
+        """
         try:
-            document = parse_toml(path.read_text(encoding="utf-8"))
-            config = cls.from_dict(document)
+            config = cls.from_dict(parse_toml(path.read_text(encoding="utf-8")))
         except OSError as error:
-            raise ConfigError(f"{path}: {error.strerror or error}") from error
+            raise unread(path, error) from error
         except UnicodeDecodeError as error:
             raise ConfigError(f"{path}: not TOML: {error}") from error
         except ConfigError as error:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcp_catalog.errors import ConfigError
+from lcp_catalog.errors import ConfigError, InputError
 from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
@@ -140,7 +140,7 @@ def test_at_85_deg_the_noon_sun_decides() -> None:
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"nowhere\.toml"):
+    with pytest.raises(InputError, match=r"nowhere\.toml: there is no such file"):
         BuildConfig.from_toml(tmp_path / "nowhere.toml")
 
 
