@@ -508,6 +508,7 @@ def test_other_refusals(inputs: list[Catalog], tmp_path: Path) -> None:
         merge_catalogs([a, a], a, overwrite=True)
 
 
+@pytest.mark.slow
 def test_ids_of_the_same_ground(tmp_path: Path) -> None:
     """Builds of a region and of its halves, one with two processes, and the merge of these: the same
     ground has the same ids and heights, and there are about as many points.

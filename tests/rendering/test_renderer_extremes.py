@@ -262,7 +262,9 @@ def test_nothing_is_silently_nan(tier):
                 assert not (np.asarray(result.radiance)[seen] < 0).any(), how
 
 
-@pytest.mark.parametrize("tier", TIERS)
+@pytest.mark.parametrize(
+    "tier", [pytest.param(t, marks=pytest.mark.slow) if t == "reference" else t for t in TIERS]
+)
 def test_a_suns_disc_has_shares(tier):
     """Shares are between 0 and 1, 0 at nodes without a height, and one half on level terrain with the disc's
     centre on the horizon.
