@@ -6,6 +6,8 @@ import http.server
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import tarfile
 import threading
 import time
@@ -26,6 +28,8 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AlbedoError, DemError, ImageError, OutputError
 from lcp_catalog.images.pixels import read_pixels
 from lcp_catalog.photometry.albedo_map import AlbedoMap
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 
 SIDE = 8
 NO_FILE = "which is no plain file on this machine"
@@ -369,3 +373,10 @@ def test_a_map_behind_a_map_of_the_configuration_is_no_output(
     assert run([*command, "-o", str(tmp_path / "dem.tif")]) == 2
     assert "build.toml" in capsys.readouterr().err
     assert (tmp_path / "dem.tif").read_bytes() == before
+
+
+def test_a_fresh_process_opens_a_file_first() -> None:
+    """A worker opens the files that its parent judged: nothing else has registered GDAL's drivers there."""
+    code = f"from lcp_catalog.dem.raster_files import opened; print(opened({str(SAMPLE)!r}, 'a DEM').count)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.returncode) == ("1\n", 0), done.stderr
