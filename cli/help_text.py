@@ -19,7 +19,15 @@ GROUPS = {
         *("--environment", "--environment-azimuth", "--environment-sources", "--sun-sky-ratio"),
     ),
     "Camera and view": (
-        *("--camera", "--trajectory", "--fov", "--altitude", "--look", "--image-size"),
+        *(
+            "--camera",
+            "--trajectory",
+            "--fov",
+            "--field-of-view",
+            "--altitude",
+            "--look",
+            "--image-size",
+        ),
         *("--view", "--off-nadir", "--view-azimuth", "--frame"),
         *("--shadow-catcher", "--background", "--background-white"),
     ),
