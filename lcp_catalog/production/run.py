@@ -314,7 +314,7 @@ class Build:
         self.inputs.digest()
         configs = (level.recipe.config for level in self.levels)
         texts = [replace(c, model=c.model.portable, dem=c.dem.portable).to_toml() for c in configs]
-        own = {"configuration": texts, "files": file_facts(self.files)}
+        own = {"configuration": texts, "content of the files": file_facts(self.files)}
         return code_facts() | {name: fingerprint(facts) for name, facts in own.items()}
 
 
