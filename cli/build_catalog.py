@@ -76,7 +76,7 @@ class PlannedImages:
             return None
 
         from lcp_catalog.cameras.camera_file import read_camera, read_sensor
-        from lcp_catalog.navigation.expected_position import read_trajectory
+        from lcp_catalog.navigation.trajectory_file import read_trajectory
         from lcp_catalog.production.camera_views import Seen
 
         if self.field_of_view_deg is not None and self.altitude_km is not None:

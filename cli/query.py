@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from lcp_catalog.catalog.catalogue import Catalog
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.navigation.documents import TrajectoryChart
-    from lcp_catalog.navigation.expected_position import Answer, PlannedImage, Query
+    from lcp_catalog.navigation.expected_position import Answer, Query
+    from lcp_catalog.navigation.frame_points import PlannedImage
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
@@ -44,7 +45,8 @@ class FrameOptions:
     def read(self, sun: SunChoice) -> list[PlannedImage]:
         """The frames under a Sun, or under their own; an empty list of neither."""
         from lcp_catalog.cameras.camera_file import read_camera, read_sensor
-        from lcp_catalog.navigation.expected_position import PlannedImage, read_trajectory
+        from lcp_catalog.navigation.frame_points import PlannedImage
+        from lcp_catalog.navigation.trajectory_file import read_trajectory
 
         if self.trajectory is not None:
             of_all = None if self.camera is None else read_camera(self.camera)

@@ -167,7 +167,7 @@ class RenderOptions:
         """The library's request. Raises the library's errors for files that cannot be read."""
         from lcp_catalog.dem.public import dem_set
         from lcp_catalog.photometry.albedo_map import open_map
-        from lcp_catalog.photometry.laws import named
+        from lcp_catalog.photometry.law_choice import named
         from lcp_catalog.rendering.request import Backdrop, Request, ViewAngles, ViewChoice
 
         shown = self.view

@@ -21,13 +21,13 @@ from .value_types import PLACE, POSITIVE, Number
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.production.config import ModelConfig
-    from lcp_catalog.simulation.output import Detector
+    from lcp_catalog.simulation.detector import Detector
 
 BITS = ("8", "10", "12", "14", "16")
 
 
 def _read_with(source: str) -> Iterator[Path]:
-    from lcp_catalog.simulation.output import is_catalog
+    from lcp_catalog.simulation.patch_surface import is_catalog
 
     if not is_catalog(source):
         yield from raster_files(source)
@@ -47,7 +47,7 @@ def _detector(
     bits: str,
     seed: int,
 ) -> Detector:
-    from lcp_catalog.simulation.output import Detector
+    from lcp_catalog.simulation.detector import Detector
 
     return Detector(
         blur_px=blur_px,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def _written(folder: str) -> Iterator[Path]:
-    from lcp_catalog.validation.run import FILES
+    from lcp_catalog.validation.output import FILES
 
     yield from (Path(folder, name) for name in FILES)
 
@@ -200,9 +200,10 @@ def command(
         raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
     from lcp_catalog.atomic_files import check_folder, check_output
     from lcp_catalog.photometry.albedo_map import AlbedoMap
+    from lcp_catalog.validation.output import FILES, write_validation
+    from lcp_catalog.validation.public import validate
     from lcp_catalog.validation.requirement import Requirement
     from lcp_catalog.validation.result import summary_lines
-    from lcp_catalog.validation.run import FILES, validate, write_validation
 
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not known_pose:

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from .production.run import build_catalog as build_catalog
     from .production.run import merge as merge
     from .rendering.public import render as render
-    from .simulation.output import Detector as Detector
+    from .simulation.detector import Detector as Detector
     from .simulation.output import simulate as simulate
     from .tradeoff.report import trade as trade
-    from .validation.run import validate as validate
+    from .validation.public import validate as validate
 
 _MODULES = {
     "Answer": "navigation.expected_position",
@@ -55,7 +55,7 @@ _MODULES = {
     "Catalog": "catalog.catalogue",
     "DemInfo": "dem.public",
     "DemSet": "dem.mosaic",
-    "Detector": "simulation.output",
+    "Detector": "simulation.detector",
     "Fix": "matching.position_fix",
     "Image": "images.image",
     "LcpError": "errors",
@@ -83,7 +83,7 @@ _MODULES = {
     "simulate": "simulation.output",
     "sun_at": "light.sun_visibility",
     "trade": "tradeoff.report",
-    "validate": "validation.run",
+    "validate": "validation.public",
     "windows": "navigation.site_windows",
 }
 

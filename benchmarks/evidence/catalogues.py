@@ -18,9 +18,11 @@ from lcp_cli.main import run
 
 from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.cameras.sensor import POSE, MapImage
+from lcp_catalog.cameras.map_projected import MapImage
+from lcp_catalog.cameras.sensor import POSE
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, hits, mcmf_to_lonlat
+from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, mcmf_to_lonlat
+from lcp_catalog.geometry.sphere_intersection import hits
 from lcp_catalog.images.image import Image
 from lcp_catalog.validation.run import ImageFiles
 from tests.helpers import apollo_maps, located_frames

@@ -36,7 +36,8 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.position_fix import locate
-from lcp_catalog.navigation.expected_position import PlannedImage, Query, answers
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.validation.claims import Claims, ClaimSearch
 from tests.helpers.closed_loops import Draw, Shot, Site, embree_frame

@@ -80,7 +80,7 @@ def read_camera(path: Path) -> None:
 
 def read_way(path: Path) -> None:
     from lcp_catalog.cameras.camera_file import read_camera as framing
-    from lcp_catalog.navigation.expected_position import read_trajectory
+    from lcp_catalog.navigation.trajectory_file import read_trajectory
 
     camera = framing(SAMPLE / "AS15-M-0414_camera.json") if path.suffix == ".csv" else None
     read_trajectory(path, camera)

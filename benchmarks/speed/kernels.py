@@ -20,7 +20,7 @@ from benchmarks.timing import Task, in_turn, median, ratio
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import looking_camera, nadir_view
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import search
 from lcp_catalog.kernels.photometry.images import add_light
@@ -34,7 +34,8 @@ from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.output import Detector, simulated_image
+from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.frame import simulated_image
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.occlusion import occluded
@@ -118,7 +119,7 @@ def rays(rounds: int) -> list[Row]:
     z, start = made_terrain().field.z_m, -0.5 * SIDE * CELL_M
     field = Heightfield(z, CELL_M, start, -start)
     tasks: dict[str, Task] = {
-        "sphere": partial(frames.ranges, place, looks),
+        "sphere": partial(sphere_intersection.ranges, place, looks),
         "naive": partial(naive_ranges, place, looks),
         "heightfield": partial(field.first_hits, origin, enu),
     }

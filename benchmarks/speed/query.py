@@ -31,7 +31,8 @@ from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, lonlat_to_mcmf
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.navigation.documents import document
-from lcp_catalog.navigation.expected_position import PlannedImage, Query, answers
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
 from tests.helpers import many_points
 
 SUN = SunChoice(90.0, 30.0)

@@ -28,7 +28,8 @@ from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError
 from ..geometry.bounds import turned_deg, wrapped_deg
-from ..geometry.frames import hits, lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
+from ..geometry.sphere_intersection import hits
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_of
 from .frame_camera import Camera, camera_from_json, fields_of_plane
 from .isd import AnySensor, is_isd, sensor_from_isd

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError
-from ..geometry.frames import EnuFrame, by_vector
+from ..geometry.frames import EnuFrame
+from ..geometry.rotations import by_vector
 from .distortion import FocalPlane, Lens, NoLens, OpenCV, lens_from_json
 from .json_fields import LARGEST
 from .sensor import POSE, FullSensor

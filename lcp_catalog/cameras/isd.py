@@ -23,11 +23,12 @@ import numpy as np
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import utc_of_ephemeris_time
-from ..geometry.frames import inverse, turned
+from ..geometry.rotations import inverse, turned
 from .distortion import FocalPlane, KaguyaLism, Lens, LroNac, NoLens, OpenCV, UsgsRadial, plane_of
 from .frame_camera import FARTHEST_M, Camera, fields_of_plane
 from .json_fields import JsonFields
-from .scanners import BEYOND, Attitude, LineScanner, PushFrame, Scanner, Track, Trajectory
+from .scanners import BEYOND, LineScanner, PushFrame, Scanner
+from .trajectory import Attitude, Track, Trajectory
 
 _log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..errors import CameraError, ImageError
-from ..geometry import frames
+from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds, enclosing_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from .frame_camera import FARTHEST_M, Camera
@@ -388,7 +388,7 @@ def _on_sphere(positions: Array, directions: Array) -> Array:
     miss it and pixels that see nothing.
     """
     looking = np.isfinite(directions).all(axis=-1)
-    distance, points = frames.hits(positions[looking], directions[looking])
+    distance, points = sphere_intersection.hits(positions[looking], directions[looking])
     return np.asarray(points[np.isfinite(distance)])
 
 

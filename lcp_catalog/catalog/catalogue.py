@@ -20,24 +20,20 @@ from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError
 from ..geometry.bounds import Bounds
 from .checks import first_few, shape_problems, text_problems, value_problems
-from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
-from .schema import (
-    COVERAGE_UNKNOWN,
+from .layout import (
     FIXED,
     GROUP_ATTRIBUTES,
     GROUPS,
-    OPTIONAL,
     OPTIONAL_GROUP_ATTRIBUTES,
-    PACKED,
-    SCHEMA_VERSION,
     TEXT,
     axis_direction,
     centred,
     key,
     packing,
     sigma_step_m,
-    universal,
 )
+from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
+from .schema import COVERAGE_UNKNOWN, OPTIONAL, PACKED, SCHEMA_VERSION, universal
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"

@@ -15,26 +15,20 @@ from numpy.typing import NDArray
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
+from .layout import FIXED, GROUPS, LEVELS, Values, centred, key, packing
 from .schema import (
     COVERAGE_STATUS,
     COVERAGE_UNKNOWN,
     DETECTION_STEP,
     EVALUATED,
-    FIXED,
-    GROUPS,
     LEVEL_FACTORS,
-    LEVELS,
     NO_CELL,
     PACKED,
     UNOCCLUDED,
     UNSHADOWED,
     USABLE,
     Cause,
-    Values,
-    centred,
     evaluated,
-    key,
-    packing,
     summarise_usable,
     universal,
     usable,

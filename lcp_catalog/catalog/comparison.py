@@ -19,9 +19,10 @@ from ..arrays import AnyArray, Array, Index
 from ..atomic_files import csv_lines, write_aside
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
+from .layout import GROUPS, TEXT, key
 from .model import BLOCK_BYTES
 from .report import write_report
-from .schema import GROUPS, TEXT, VARIABLES, key, levels
+from .schema import VARIABLES, levels
 from .stored import content_sha256
 from .summary import describe
 from .verification import open_catalog

@@ -14,23 +14,20 @@ import numpy as np
 from ..geometry.map_plane import ORTHOGRAPHIC
 from .checks import shape_problems
 from .integrity import DIGESTS, HDF5_ERRORS, INTEGRITY, TABLE, dimensions, line_of
-from .schema import (
+from .layout import (
     CRS,
     GLOBAL_ATTRIBUTES,
     GROUP_ATTRIBUTES,
     GROUPS,
     NUMBERS,
-    OPTIONAL,
     OPTIONAL_ATTRIBUTES,
     OPTIONAL_GROUP_ATTRIBUTES,
-    OPTIONAL_GROUPS,
-    SCHEMA_VERSION,
     TEXT,
-    Variable,
     grid_mapping,
     key,
     variable_attributes,
 )
+from .schema import OPTIONAL, OPTIONAL_GROUPS, SCHEMA_VERSION, Variable
 
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 

@@ -15,7 +15,7 @@ import numpy as np
 from .._version import __version__
 from ..arrays import AnyArray, Index
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
-from .schema import LEVELS
+from .layout import LEVELS
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

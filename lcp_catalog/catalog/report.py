@@ -35,8 +35,9 @@ from .charts import (
     shade_class,
     symbol,
 )
+from .layout import packing
 from .promise import worst_text
-from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, SCHEMA_VERSION, packing, usable
+from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, SCHEMA_VERSION, usable
 from .summary import (
     Statistics,
     coverage_counts,

@@ -23,8 +23,9 @@ from ..errors import CatalogError
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
 from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
+from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT, packing
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray, held
-from .schema import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, PACKED, TEXT, Variable, packing
+from .schema import PACKED, Variable
 
 NOT_OPENED = "cannot be opened: "
 """How the text begins for a file of which nothing is known because the system does not open it."""

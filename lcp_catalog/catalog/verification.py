@@ -19,8 +19,9 @@ from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
 from .integrity import HDF5_ERRORS, ChunkDigests, line_of
+from .layout import LEVELS, TEXT
 from .model import BLOCK_BYTES
-from .schema import LEVELS, TEXT, Variable
+from .schema import Variable
 from .stored import StoredFile, attributes, group_attributes, stored_catalog, texts
 
 _SECONDS = 10.0

@@ -47,9 +47,10 @@ from .integrity import (
     content_digest,
     digest_table,
 )
+from .layout import CRS, GROUPS, TEXT, Values, grid_mapping, key, variable_attributes
 from .maps import coverage_levels, coverage_map
 from .model import Coverage, Promise
-from .schema import CRS, GROUPS, TEXT, Values, Variable, grid_mapping, key, variable_attributes
+from .schema import Variable
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
 

@@ -15,7 +15,8 @@ from ..errors import DemError, LabelError, LcpError
 from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
 from .effective_resolution import Resolution, of_file
-from .grid import Grid, ProductFacts, facts_of, product_name
+from .grid import Grid
+from .products import ProductFacts, facts_of, product_name
 from .raster import Gridded, Raster, grid_of, open_dataset, require_file, unit_m
 
 

@@ -20,9 +20,10 @@ from ..pds.label import Label
 from ..pds.label_files import product_label
 from ..pds.pds3 import read_pds3
 from .dem import Dem, extremes_step, grid_of_label, is_geotiff
-from .grid import Grid, facts_of
+from .grid import Grid
 from .pixel_statistics import Extreme, SampleStatistics, sample_statistics
 from .plausibility import doubts
+from .products import facts_of
 from .raster import POSSIBLE_M
 
 _AGAIN = "fetch both again"

@@ -33,7 +33,7 @@ from ..constants import MOON_RADIUS_M
 from ..errors import AreaError, DemError
 from ..geometry.bounds import Bounds, enclosing_arc
 from .dem import Dem
-from .grid import is_called
+from .products import is_called
 from .tiles import BAND_PX, BAND_SHARE, Layer, smoothstep
 
 log = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ from ..arrays import Array
 from ..choices import FRAMES
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import ConfigError
-from ..geometry.frames import by_vector
+from ..geometry.rotations import by_vector
 
 _ARCSECOND = math.radians(1.0 / 3600.0)
 _ANGLES = (0.2785, 78.6944, 67.8526)

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Float32
 from ..cameras.camera_file import read_sensor
-from ..cameras.sensor import ON_MAP, MapImage, Sensor
+from ..cameras.map_projected import MapImage
+from ..cameras.sensor import ON_MAP, Sensor
 from ..cameras.view import center_of
 from ..choices import ENCODINGS
 from ..dem.dem import Dem
-from ..dem.grid import facts_of
+from ..dem.products import facts_of
 from ..dem.raster import POSSIBLE_M
 from ..ephemeris.solar_position import direction_from_subsolar, sun_direction_at
 from ..ephemeris.times import instants

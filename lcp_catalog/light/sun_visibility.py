@@ -22,7 +22,7 @@ from ..geometry.frames import EnuFrame, direction_enu
 from ..kernels.rays.bundles import scaled
 from ..terrain.area import Area, NodeWindow
 from ..terrain.far_terrain import HorizonPoints
-from ..terrain.relief_bounds import SunRays, build_surrounded, surroundings
+from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Ground, Terrain, native_gsd_m
 from .solar_disc import SolarDisc, share_at_points
 

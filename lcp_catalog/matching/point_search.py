@@ -24,7 +24,8 @@ from ..landmarks.corners import fill_missing
 from ..landmarks.correlation import moments
 from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
 from ..landmarks.patches import POINT_SPREAD_PX, halved
-from ..photometry.laws import DEFAULT_MODEL, Reflectance, law_of
+from ..photometry.law_choice import law_of
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
 from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least, points_in_view
 from .templates import LEAST_COVER, Templates, render_patches

@@ -22,7 +22,9 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..images.image import Image
 from ..images.image_file import open_image
-from ..photometry.laws import DEFAULT_MODEL, Reflectance, law_of
+from ..photometry.law_choice import law_of
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
+from .common_errors import SharedTerrain, shadow_shift_px
 from .consensus import (
     SHARE_IF_HERE,
     SIGNIFICANT,
@@ -44,7 +46,7 @@ from .point_choice import (
     working_image,
 )
 from .point_search import Criteria, find_points, nothing_in
-from .pose import Pose, SharedTerrain, residuals_px, shadow_shift_px, solve
+from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
 from .sun_check import SunCheck, check_points
 

@@ -35,7 +35,8 @@ from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import nodes_mcmf
 from ..kernels.matching import draw_patch, point_spread
 from ..landmarks.patches import POINT_SPREAD_PX
-from ..photometry.laws import DEFAULT_MODEL, Reflectance, law_of
+from ..photometry.law_choice import law_of
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .point_choice import directions_to_sun
 
 TOLERANCE_PX = 0.002

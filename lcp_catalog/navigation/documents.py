@@ -21,7 +21,8 @@ from ..errors import OutputError
 from ..geometry.bounds import wrapped_deg
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import drawing, number, page
-from .expected_position import CAUSES, LEAST_POINTS, Answer, ExpectedPosition
+from .expected_position import LEAST_POINTS, Answer, ExpectedPosition
+from .frame_points import CAUSES
 
 POINT_COLUMNS = (
     "point_id", "longitude_deg", "latitude_deg", "elevation_m", "level", "detection_probability",

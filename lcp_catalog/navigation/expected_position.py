@@ -11,298 +11,34 @@ p_i J_i^T C_i^-1 J_i to the normal matrix. Points whose patches overlap have err
 (`matching.pose`): with the correlation r_ij and the derivatives a_i in sigmas, the
 covariance is N^-1 (N + sum_ij p_i p_j r_ij a_i^T a_j + b b^T) N^-1, with b = sum_i p_i J_i^T C_i^-1 d_i
 for an error that moves each place by d_i (`matching.pose`).
-
-The points that a camera sees under a Sun, with what the catalogue claims about each.
-
-Trajectories from files: a CSV table of times, positions and attitudes of one camera, or a JSON
-list of cameras.
-
-A CSV has a header with ``time_utc``, ``x_m``, ``y_m``, ``z_m`` (MCMF) and either ``qw``, ``qx``,
-``qy``, ``qz``, the quaternion that takes MCMF vectors to camera axes, or ``r11`` ... ``r33``, the
-elements of ``rotation_mcmf_to_camera`` row by row. Other columns, empty lines and lines that begin
-with # are ignored.
 """
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Index, Mask
-from ..cameras.frame_camera import Camera, camera_from_json
+from ..arrays import Array, Index
 from ..cameras.public import CameraOrPath, SensorOrPath, any_sensor, framing_camera
-from ..cameras.sensor import POSE, Sensor, Uncertainty, altitude_km, ground_slopes, pixel_size_m
-from ..cameras.view import center_of
-from ..catalog import prediction
+from ..cameras.sensor import POSE, Sensor, Uncertainty, ground_slopes
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
-from ..catalog.prediction import Prediction, predict
-from ..ephemeris.times import instants
-from ..errors import CameraError, ConfigError, SunError
+from ..errors import CameraError, ConfigError
 from ..geometry.ellipses import error_ellipses
-from ..geometry.frames import EnuFrame, azimuth_elevation, enu_rotation, mcmf_to_lonlat, turned
+from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..light.sun_choice import SunChoice, SunStated
+from ..matching.common_errors import SharedTerrain, shadow_shift_m
 from ..matching.joint_detection import JointDetection, joint_detection
-from ..matching.point_choice import LEAST_SIGMA_PX, points_in_view
-from ..matching.pose import SharedTerrain, covariance_of, jacobian, shadow_shift_m
+from ..matching.point_choice import LEAST_SIGMA_PX
+from ..matching.pose import covariance_of, jacobian
 from ..matching.position_fix import USUAL
-
-FRAMES_MAX = 100_000
-"""Most frames of a trajectory."""
-
-_POSITION = ("x_m", "y_m", "z_m")
-_QUATERNION = ("qw", "qx", "qy", "qz")
-_MATRIX = tuple(f"r{row}{column}" for row in "123" for column in "123")
-_UNIT_TOLERANCE = 1e-3
-"""Largest deviation of a quaternion's length from 1; they are often written with few digits."""
-
-
-def read_trajectory(path: Path | str, camera: Camera | None = None) -> list[Camera]:
-    """The cameras of a trajectory, in the file's order. ``camera``: that of a CSV; its own position,
-    attitude, time and Sun are not used. CameraError, one line, for a file that is invalid, and for a
-    camera that is missing or too many.
-    """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise CameraError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise CameraError(f"{path}: is not text: {error}") from error
-    if text.lstrip().startswith(("[", "{")):
-        if camera is not None:
-            raise CameraError(f"{path}: lists whole cameras; leave out `camera`")
-        found = _from_json(text, str(path))
-    else:
-        if camera is None:
-            raise CameraError(f"{path}: is a CSV table of positions; give its camera with `camera`")
-        found = _from_csv(text, str(path), camera)
-    if not found:
-        raise CameraError(f"{path}: has no frame")
-    return found
-
-
-def _from_json(text: str, name: str) -> list[Camera]:
-    try:
-        documents = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise CameraError(f"{name}: is not JSON: {error}") from error
-    if not isinstance(documents, list):
-        raise CameraError(f"{name}: must be a list of cameras, or a CSV table")
-    _require_few(len(documents), name)
-    cameras = [camera_from_json(one, f"{name}: camera {k}") for k, one in enumerate(documents, 1)]
-    for camera in cameras:
-        if camera.time_utc is not None:
-            _require_time(camera.time_utc, camera.name)
-    return cameras
-
-
-def _from_csv(text: str, name: str, camera: Camera) -> list[Camera]:
-    lines = [
-        (number, line)
-        for number, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    _require_few(len(lines) - 1, name)
-    try:
-        rows = list(csv.reader((line for _, line in lines), strict=True))
-    except csv.Error as error:
-        raise CameraError(f"{name}: is not a CSV table: {error}") from error
-    columns = _columns([head.strip() for head in rows[0]] if rows else [], name)
-    return [
-        _camera(row, columns, f"{name}: line {number}", camera)
-        for (number, _), row in zip(lines[1:], rows[1:], strict=True)
-    ]
-
-
-def _columns(heads: list[str], name: str) -> dict[str, int]:
-    """Number of each column that is used."""
-    wanted = ["time_utc", *_POSITION]
-    if "qw" in heads:
-        wanted += _QUATERNION
-    elif "r11" in heads:
-        wanted += _MATRIX
-    else:
-        raise CameraError(f"{name}: the header lacks qw, qx, qy, qz (or r11 ... r33)")
-    missing = [head for head in wanted if head not in heads]
-    if missing:
-        raise CameraError(f"{name}: the header lacks {', '.join(missing)}")
-    twice = [head for head in wanted if heads.count(head) > 1]
-    if twice:
-        raise CameraError(f"{name}: the header has {twice[0]} twice")
-    return {head: heads.index(head) for head in wanted}
-
-
-def _camera(row: list[str], columns: dict[str, int], name: str, camera: Camera) -> Camera:
-    if len(row) <= max(columns.values()):
-        raise CameraError(f"{name}: has {len(row)} columns, fewer than the header")
-    values = {}
-    for head, column in columns.items():
-        if head != "time_utc":
-            values[head] = _number(row[column], head, name)
-    time = row[columns["time_utc"]].strip()
-    _require_time(time, name)
-    changed: dict[str, Any] = {
-        "position_mcmf_m": np.array([values[head] for head in _POSITION]),
-        "rotation_mcmf_to_camera": _rotation(values, name),
-        "sun_position_mcmf_m": None,
-        "time_utc": time,
-        "name": name,
-    }
-    return replace(camera, **changed)
-
-
-def _rotation(values: dict[str, float], name: str) -> Array:
-    if "qw" not in values:
-        return np.array([values[head] for head in _MATRIX]).reshape(3, 3)
-    quaternion = np.array([values[head] for head in _QUATERNION])
-    length = float(np.linalg.norm(quaternion))
-    if not abs(length - 1.0) <= _UNIT_TOLERANCE:
-        raise CameraError(f"{name}: qw, qx, qy, qz have the length {length:.6g}, not 1")
-    return np.asarray(turned(quaternion / length, np.eye(3)).T)
-
-
-def _number(text: str, head: str, name: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise CameraError(f"{name}: {head} is not a number: {text.strip()!r}") from error
-
-
-def _require_time(text: str, name: str) -> None:
-    try:
-        instants(text)
-    except SunError as error:
-        raise CameraError(f"{name}: {error}") from error
-
-
-def _require_few(count: int, name: str) -> None:
-    if count > FRAMES_MAX:
-        raise CameraError(f"{name}: has {count} frames, more than {FRAMES_MAX}: cut the file")
-
-
-CAUSES = (*prediction.CAUSES, "edge")
-"""Why a point in view is not usable: those of `prediction.CAUSES`, and a patch that the image does
-not show as a whole.
-"""
-
-PAIRS_AT_ONCE = 100_000
-"""About the number of points, over all frames, whose claims are read at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class PlannedImage:
-    """An image to be taken: its sensor, the unit MCMF vector (3,) to the Sun, and its time, UTC."""
-
-    sensor: Sensor
-    sun: Array
-    time_utc: str | None = None
-
-    @classmethod
-    def lit(cls, sensor: Sensor, sun: SunChoice) -> PlannedImage:
-        """The frame under a Sun: the stated one, angles being those at the image's centre, else that
-        of the sensor's file. SunError if there is neither; ImageError for angles if the image's
-        centre does not show the Moon.
-        """
-        lon_deg, lat_deg = center_of(sensor) if sun.azimuth_deg is not None else (0.0, 0.0)
-        time = sun.time_utc or sensor.time_utc
-        return cls(sensor, sun.direction_mcmf(EnuFrame(lon_deg, lat_deg), sensor), time)
-
-
-@dataclass(frozen=True, eq=False)
-class FramePoints:
-    """The n points in view of a frame, and their claims."""
-
-    frame: PlannedImage
-    rows: Index  # (n,) of the catalogue
-    pixel: Array  # (n, 2)
-    pixel_m: Array  # (n,) size of a pixel on the ground
-    rotation: Array  # (n, 3, 3) MCMF to each point's ENU frame
-    claims: Prediction  # `cause` is a number in `CAUSES`
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Number of points in view, of usable ones, and of the others by cause."""
-        found = np.bincount(self.claims.cause, minlength=len(CAUSES)).tolist()
-        return {"in_view": len(self.rows)} | dict(zip(CAUSES, found, strict=True))
-
-
-def points_of_frames(catalog: Catalog, frames: Iterable[PlannedImage]) -> Iterator[FramePoints]:
-    """The points in view of every frame. The claims of several frames are read at once."""
-    some: list[_Seen] = []
-    for frame in frames:
-        some.append(_seen(catalog, frame))
-        if sum(len(one.rows) for one in some) >= PAIRS_AT_ONCE:
-            yield from _with_claims(catalog, some)
-            some = []
-    yield from _with_claims(catalog, some)
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """Points in view of a frame: rows, places MCMF (n, 3), pixels and their sizes."""
-
-    frame: PlannedImage
-    rows: Index
-    places: Array
-    pixel: Array
-    pixel_m: Array
-
-
-def _seen(catalog: Catalog, frame: PlannedImage) -> _Seen:
-    rows = points_in_view(catalog, frame.sensor)
-    places = catalog.position_mcmf[rows]
-    size = pixel_size_m(frame.sensor, places) if len(rows) else np.zeros(0)
-    return _Seen(frame, rows, places, frame.sensor.project(places), size)
-
-
-def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
-    """The points of some frames; rotations and claims are read together."""
-    rows = np.concatenate([one.rows for one in seen] or [np.zeros(0, np.int64)])
-    rotation = catalog.part("rotation_mcmf_to_enu", rows)
-    ends = np.cumsum([len(one.rows) for one in seen])
-    parts = [slice(end - len(one.rows), end) for one, end in zip(seen, ends, strict=True)]
-    sun, view = np.empty((2, len(rows), 3))
-    for one, part in zip(seen, parts, strict=True):
-        sun[part] = rotation[part] @ one.frame.sun
-        view[part] = np.einsum("nij,nj->ni", rotation[part], one.frame.sensor.towards(one.places))
-    sizes = np.concatenate([one.pixel_m for one in seen] or [np.zeros(0)])
-    heights = [altitude_km(one.frame.sensor, one.places) for one in seen]
-    claims = predict(catalog, rows, sun, view, sizes, np.concatenate([*heights, np.zeros(0)]))
-    for one, part in zip(seen, parts, strict=True):
-        own = _part(claims, part)
-        cause, usable = own.cause.copy(), np.flatnonzero(own.usable)
-        cut = ~_shown_whole(catalog, one, rotation[part], usable)
-        unstated = ~np.isfinite(own.covariance_m2[usable]).all(axis=(1, 2))
-        cause[usable[cut]] = CAUSES.index("edge")
-        cause[usable[unstated]] = CAUSES.index("not evaluated")
-        own = replace(own, cause=cause)
-        yield FramePoints(one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own)
-
-
-def _part(claims: Prediction, part: slice) -> Prediction:
-    return Prediction(**{name: values[part] for name, values in vars(claims).items()})
-
-
-def _shown_whole(catalog: Catalog, seen: _Seen, rotation: Array, which: Index) -> Mask:
-    """True (m,) for those points in view, ``which`` (m,), whose patch has all four corners in the
-    image: claims are about such.
-    """
-    places, (east, north, _) = seen.places[which], np.moveaxis(rotation[which], 1, 0)
-    half = 0.5 * (catalog.patch_nodes - 1) * catalog.gsd[seen.rows[which], None]
-    inside = np.ones(len(which), bool)
-    for a, b in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
-        corner = seen.frame.sensor.project(places + half * (a * east + b * north))
-        inside &= seen.frame.sensor.in_image(corner)
-    return inside
-
+from .frame_points import CAUSES, FramePoints, PlannedImage, points_of_frames
+from .trajectory_file import read_trajectory
 
 FIRST_SIGMAS = 3.0
 """1 sigma of the position before the first point of `best_points`, in mean distances of the points;

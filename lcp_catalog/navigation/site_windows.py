@@ -22,7 +22,8 @@ from ..ephemeris.solar_position import apparent_sun, sun_table
 from ..ephemeris.times import Instants, Times, instants
 from ..errors import CatalogError
 from ..geometry.frames import EnuFrame, direction_enu
-from .expected_position import LEAST_POINTS, PAIRS_AT_ONCE, PlannedImage, Query, answers
+from .expected_position import LEAST_POINTS, Query, answers
+from .frame_points import PAIRS_AT_ONCE, PlannedImage
 
 Progress = Callable[[int, int], None]
 

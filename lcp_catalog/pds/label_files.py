@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import LabelError
-from ..geometry import frames
+from ..geometry import rotations
 from . import pds3
 from .label import Label
 from .pds3 import read_label_text, read_pds3
@@ -46,7 +46,7 @@ def sun_of_tables(path: Path, isis: Mapping[str, Any]) -> Array | None:
     j2000 = sun.mean(axis=0)
     constant = isis["Table_BodyRotation"].get("ConstantRotation", np.eye(3).ravel())
     turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-    fixed = frames.turned(turns, j2000).mean(axis=0)
+    fixed = rotations.turned(turns, j2000).mean(axis=0)
     position = 1e3 * np.array(constant, dtype=np.float64).reshape(3, 3) @ fixed
     if not 1e11 < np.linalg.norm(position) < 2e11:
         log.warning(

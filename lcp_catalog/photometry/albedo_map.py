@@ -31,7 +31,8 @@ from ..arrays import Array, Float32
 from ..atomic_files import file_facts
 from ..choices import ENCODINGS
 from ..constants import MOON_RADIUS_M
-from ..dem.grid import Grid, facts_of, product_name
+from ..dem.grid import Grid
+from ..dem.products import facts_of, product_name
 from ..dem.raster import Gridded, Raster, grid_of, open_dataset
 from ..dem.tiles import Layer
 from ..errors import AlbedoError, DemError

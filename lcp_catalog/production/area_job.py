@@ -24,12 +24,12 @@ from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, ring_decision
 from ..terrain.heightfield import Window
-from ..terrain.relief_bounds import SunRays, build_surrounded, ring_for_rays_m, surroundings
+from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Ground, Terrain, sample_patches
+from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, PlaceErrors, evaluate, image_scales
 from .recipe import Recipe
-from .region_maps import AreaGrid, AreaTask
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
 
 

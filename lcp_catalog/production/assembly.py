@@ -16,9 +16,10 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.catalogue import Catalog
+from ..catalog.layout import sigma_step_m
 from ..catalog.maps import overview_levels
 from ..catalog.model import Coverage
-from ..catalog.schema import PACKED, VARIABLES, sigma_step_m, summarise_usable, universal
+from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
 from ..catalog.writing import new_catalog
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, Places, select, stable_id

@@ -22,12 +22,12 @@ from ..catalog.prediction import VIEW_REACH_DEG, ViewMesh, view_plane
 from ..choices import LEVEL_RATIO
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, CameraError
-from ..geometry import frames
+from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds, enclosing_arc, turned_deg
 from ..geometry.frames import EnuFrame, azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..light.sun_choice import SunChoice
 from ..terrain.area import Area
-from ..terrain.terrain import useful_cell
+from ..terrain.useful_cell import useful_cell
 from .config import (
     POLAR_ELEVATIONS_DEG,
     SUN_ELEVATIONS_DEG,
@@ -158,7 +158,7 @@ def _seen(sensor: Sensor) -> tuple[Array, Array, float, float, Bounds]:
     bounds = footprint(sensor)
     positions, directions = sensor.looks(border_and_inside(sensor.shape, _SAMPLES))
     looking = np.isfinite(directions).all(axis=-1)
-    distance, ground = frames.hits(positions[looking], directions[looking])
+    distance, ground = sphere_intersection.hits(positions[looking], directions[looking])
     met = np.isfinite(distance)
     ground, towards = ground[met], -directions[looking][met]
     if not len(ground):

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
+from ..catalog.layout import axis_direction, packing, sigma_step_m
 from ..catalog.prediction import SunCells
 from ..catalog.schema import (
     EVALUATED,
@@ -28,9 +29,6 @@ from ..catalog.schema import (
     USABLE,
     VARIABLES,
     Cause,
-    axis_direction,
-    packing,
-    sigma_step_m,
 )
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates

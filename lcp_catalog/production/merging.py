@@ -20,11 +20,12 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, printable
 from ..catalog.catalogue import Catalog
+from ..catalog.layout import packing
 from ..catalog.maps import overview_levels, usable_nearby
 from ..catalog.model import BLOCK_BYTES, Coverage, Overview, Promise
 from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.promise import merged_promise
-from ..catalog.schema import PACKED, levels, packing, usable
+from ..catalog.schema import PACKED, levels, usable
 from ..catalog.stored import content_sha256
 from ..catalog.verification import open_catalog
 from ..catalog.writing import new_catalog

@@ -21,9 +21,9 @@ from ..errors import AreaError, AreaFailedError
 from ..landmarks.error_model import ErrorModel
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_model import law_file
-from ..photometry.laws import LawChoice
+from ..photometry.law_choice import LawChoice
 from ..terrain.area import Area
-from ..terrain.terrain import Cell, finest_cell, resolves, useful_cell
+from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
 from .config import BuildConfig, ModelConfig
 from .sweep import law_of_build
 

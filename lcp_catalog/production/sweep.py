@@ -21,14 +21,12 @@ from ..cameras.view import CameraView, ParallelView, slant_range_m
 from ..ephemeris.solar_position import reachable_suns
 from ..geometry.frames import direction_enu
 from ..photometry.albedo_map import neutral
+from ..photometry.law_choice import LawChoice, choose, named
 from ..photometry.laws import (
     SLOPE_STEP,
-    LawChoice,
     NearLight,
     Reflectance,
-    choose,
     differences,
-    named,
     planes_of,
     radiance_of_nodes,
     steeper,

@@ -25,13 +25,15 @@ from ..constants import SOLAR_RADIUS_RAD
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..errors import CameraError, ImageError
 from ..geometry.frames import Direction, EnuFrame
-from ..light.bounced_light import BOUNCE_RMS, SKY_FLOOR_RAD, bounced_bound, bounced_sample, sky_rms
+from ..light.bounced_light import BOUNCE_RMS, bounced_bound, bounced_sample
+from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area, NodeWindow
-from ..terrain.relief_bounds import SunRays, build_surrounded, surroundings
-from ..terrain.terrain import Terrain, terrain_from_area, warn_of_region
+from ..terrain.surroundings import SunRays, build_surrounded, surroundings
+from ..terrain.terrain import Terrain, terrain_from_area
+from ..terrain.useful_cell import warn_of_region
 from . import decisions
 from .decisions import Decision
 from .placement import RING_MAX_M, area_of, cells_extent, place_on_terrain
@@ -39,7 +41,8 @@ from .plan import ScenePlan, choose_model, parallel_view, plan_scene, ring_decis
 from .renderer import Method, Rendering, render_camera, render_enu
 from .request import Backdrop, Request, composite
 from .scene import Scene, require_visible
-from .sphere_pipeline import SphereScene, prepare_sphere, render_sphere_camera, render_sphere_enu
+from .sphere_pipeline import SphereScene, prepare_sphere
+from .sphere_renderer import render_sphere_camera, render_sphere_enu
 
 log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ from ..cameras.view import CameraView, View, footprint, looking_camera, optical_
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
 from ..dem.mosaic import DemSet, nearest_heights
 from ..errors import AreaError, CameraError
-from ..geometry import frames
+from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..terrain.area import Area, NodeWindow
@@ -121,12 +121,12 @@ def _sphere_part(request: Request) -> tuple[EnuFrame, Extent | None]:
         return area.frame, area.extent_m
     if camera is None:
         raise AreaError("no area: state `center_deg` and `size_km`, or `bounds_deg`, or a `camera`")
-    require_above(camera.name, float(frames.heights(camera.position_mcmf_m)))
+    require_above(camera.name, float(sphere_intersection.heights(camera.position_mcmf_m)))
     width, height = camera.image_size_px
-    _, middle = frames.hits(
+    _, middle = sphere_intersection.hits(
         camera.position_mcmf_m, camera.rays([(width - 1) / 2, (height - 1) / 2])
     )
-    lon, lat = frames.lonlat(camera.position_mcmf_m if np.isnan(middle[0]) else middle)
+    lon, lat = sphere_intersection.lonlat(camera.position_mcmf_m if np.isnan(middle[0]) else middle)
     return EnuFrame(float(lon), float(lat)), None
 
 
@@ -205,7 +205,7 @@ def axis_place(sensor: Sensor, dems: DemSet | None) -> tuple[float, float]:
     origin, ahead = optical_axis(sensor)
     away_m = _axis_met(origin, ahead, dems) if dems is not None else math.nan
     if math.isnan(away_m):
-        away_m = float(frames.ranges(origin, ahead))
+        away_m = float(sphere_intersection.ranges(origin, ahead))
     if math.isnan(away_m):
         raise CameraError(
             f"{sensor.name}: its optical axis does not meet the Moon; use `around` footprint"
@@ -217,7 +217,8 @@ def axis_place(sensor: Sensor, dems: DemSet | None) -> tuple[float, float]:
 def _axis_met(origin: Array, ahead: Array, dems: DemSet) -> float:
     """Distance along the axis to the first crossing of the DEM's pixels; NaN without one."""
     top, bottom = (
-        float(frames.ranges(origin, ahead, MOON_RADIUS_M + h)) for h in (HIGHEST_M, LOWEST_M)
+        float(sphere_intersection.ranges(origin, ahead, MOON_RADIUS_M + h))
+        for h in (HIGHEST_M, LOWEST_M)
     )
     middle = -float(origin @ ahead)  # nearest to the Moon's centre
     if np.linalg.norm(origin) <= MOON_RADIUS_M + HIGHEST_M:

@@ -18,9 +18,9 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
 from ..cameras.view import CameraView, MovingView, ParallelView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
-from ..photometry.laws import DEFAULT_MODEL, SLOPE_RMS, LawChoice, Reflectance, choose
+from ..photometry.law_choice import SLOPE_RMS, LawChoice, choose
+from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from ..terrain.relief_bounds import (
-    REACH_MAX_M,
     Relief,
     Steepness,
     core_box,
@@ -30,6 +30,7 @@ from ..terrain.relief_bounds import (
     ring_of,
     tangent_of,
 )
+from ..terrain.surroundings import REACH_MAX_M
 from ..terrain.terrain import Terrain
 from . import decisions as effects
 from .decisions import (
@@ -40,6 +41,8 @@ from .decisions import (
     LightWords,
     MergedDecision,
     RayMethod,
+)
+from .error_bounds import (
     horizon_beyond_rad,
     limb_tangent,
     parallel_direction,

@@ -36,7 +36,8 @@ from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
-from ..photometry.laws import Reflectance, law_of
+from ..photometry.law_choice import law_of
+from ..photometry.laws import Reflectance
 from ..terrain.area import Area
 from .pipeline import prepare
 from .renderer import Rendering

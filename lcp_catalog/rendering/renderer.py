@@ -28,7 +28,8 @@ from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ParallelView, ScannerView, View, sensor_view
 from ..errors import CameraError
 from ..geometry.frames import mcmf_to_lonlat
-from ..light.bounced_light import bounced_at_points, sky_at_nodes, sky_at_points
+from ..light.bounced_light import bounced_at_points
+from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_horizon
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under

@@ -30,9 +30,9 @@ from ..dem.mosaic import DemSet
 from ..errors import AreaError, CameraError, DemError, ImageError
 from ..geometry.bounds import turned_deg
 from ..geometry.frames import Direction, EnuFrame
-from ..light.bounced_light import samples_of
 from ..light.environment import Environment
 from ..light.environment_map import LuminanceImage, Panorama, read_picture, resized
+from ..light.sky_sampling import samples_of
 from ..light.solar_disc import disc_directions
 from ..light.sources import Lighting, earth_at, mean_earth
 from ..light.sun_choice import SunChoice

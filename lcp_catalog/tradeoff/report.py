@@ -30,18 +30,9 @@ from ..plots.numbers import drawing, number, page
 from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.run import planned_build
-from .measurement import (
-    AREAS,
-    CONTRAST,
-    DETECTION_CHANGE,
-    ROUNDS,
-    WINDOW,
-    ErrorPicture,
-    ModelChanges,
-    Progress,
-    Trade,
-    measure_trade,
-)
+from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
+from .measurement import AREAS, ROUNDS, Progress, Trade, measure_trade
+from .point_changes import DETECTION_CHANGE
 
 Row = dict[str, Any]
 

@@ -22,7 +22,8 @@ from ..catalog.summary import Statistics, summary, summary_rows
 from ..catalog.verification import open_catalog
 from ..constants import FRAME
 from ..errors import ConfigError
-from ..navigation.expected_position import SOURCES, Answer, PlannedImage, Query, answers
+from ..navigation.expected_position import SOURCES, Answer, Query, answers
+from ..navigation.frame_points import PlannedImage
 from ..plots.numbers import number, page
 from .requirement import NUMBERS, Requirement
 

@@ -35,7 +35,7 @@ from ..images.image import Image
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import registration
 from ..photometry.laws import SLOPE_STEP, Reflectance, planes_of, radiance_of_nodes, steeper
-from .ground_comparison import orthorectify
+from .orthoimage import orthorectify
 
 LAGS = 6
 """Largest lag, nodes, of the covariances that are fitted."""

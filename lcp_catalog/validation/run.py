@@ -1,18 +1,10 @@
-"""Validation of a catalogue with images: from the files of each image to its result.
-
-Output folder of a validation: the report as JSON and as a page, and CSV tables (RFC 4180) of the
-points and the windows.
-
-Public function that compares a catalogue with images.
-"""
+"""Validation of a catalogue with images: from the files of each image to its result."""
 
 from __future__ import annotations
 
 import logging
-import math
-import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,39 +13,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..accuracy import TIERS, Accuracy
-from ..accuracy import accuracy as accuracy_of
-from ..arrays import Mask
-from ..atomic_files import check_folder, csv_lines, depfile_rule, write_bytes, write_folder
 from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
 from ..cameras.view import center_of
 from ..catalog.catalogue import Catalog
 from ..catalog.verification import open_catalog
 from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.mosaic import DemSet
-from ..dem.public import Dems, dem_paths
 from ..errors import (
     CameraError,
     CatalogError,
-    ConfigError,
     DemError,
     ImageError,
     LcpError,
     SunError,
 )
-from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import Direction, EnuFrame, lonlat_to_mcmf
 from ..images.image import Image
 from ..images.image_file import ImageOptions, decoded, open_image, refuse_heights
 from ..light.environment import Environment
-from ..light.sun_choice import SunChoice, SunStated
-from ..matching.matches import REASONS, Matches
+from ..light.sun_choice import SunChoice
+from ..matching.matches import Matches
 from ..matching.point_choice import at_one_scale, points_in_view
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
 from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, SEARCHED, Fix, Options, locate
 from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
-from ..photometry.laws import Reflectance, law_of, reflectance_model
+from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
 from .advice import EncodingCheck, advised, albedo_advice, check_encoding
 from .claims import Claims, ClaimSearch
@@ -65,9 +51,7 @@ from .ground_comparison import (
     against_dem,
     against_patches,
 )
-from .report import render
 from .result import (
-    DIGITS,
     ImageFacts,
     ImageVerdict,
     Pictures,
@@ -490,283 +474,3 @@ def _sun_from(request: Validation, sensor: Sensor) -> str:
         return "as stated"
     known = sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None
     return "the camera file" if known else "the image's label"
-
-
-FILES = ("report.json", "report.html", "windows.csv", "points.csv")
-"""Files of a report. The first, the target of the make rule, appears last."""
-
-
-def write_validation(
-    result: Result,
-    folder: Path,
-    overwrite: bool = False,
-    depfile: Path | str | None = None,
-    errors_file: Path | None = None,
-) -> None:
-    """Write `FILES` into a folder, which is created if missing. ``depfile``: also the list of input
-    files, as a rule for make. ``errors_file``: also the fitted error model.
-    """
-    images = result.verdict.images
-    texts = (
-        result.verdict.to_json(),
-        render(result.verdict, result.pictures),
-        windows_csv_text(images),
-        csv_text(images),
-    )
-    files = dict(zip(FILES, texts, strict=True))
-    if errors_file and result.fitted:
-        files[os.path.abspath(errors_file)] = result.fitted.to_toml()  # elsewhere: `folder / name`
-    write_folder(folder, files, overwrite)
-    if depfile:
-        rule = depfile_rule(folder / FILES[0], result.sources)
-        write_bytes(depfile, rule, overwrite=True)
-
-
-POINT_COLUMNS = (
-    "image", "point_id", "longitude_deg", "latitude_deg",
-    "predicted_column_px", "predicted_row_px", "found_column_px", "found_row_px",
-    "sigma_major_px", "sigma_minor_px", "major_axis_deg",
-    "correlation", "second_correlation", "back_px", "reason",
-    "residual_column_px", "residual_row_px", "pixel_m",
-    "detection_probability", "usable", "sigma_major_m", "sigma_minor_m", "sigma_angle_deg",
-    "found", "error_east_m", "error_north_m", "prior", "posterior",
-)  # fmt: skip
-"""One row per point. ``major_axis_deg`` is from the column direction (right) towards the row
-direction (down), 0..180. Residuals are the position found minus the prediction of the corrected
-sensor. From ``detection_probability`` on: what the catalogue claims, and the trial of the claims
-(`claim_trials`); ``usable`` and ``found`` are 0 or 1, empty without a claim and without a trial.
-``prior`` and ``posterior`` are those of the match (`matching.matches`).
-"""
-
-WINDOW_COLUMNS = (
-    "image", "point_id", "row", "column", "longitude_deg", "latitude_deg",
-    "correlation", "contrast", "offset_column_cells", "offset_row_cells",
-)  # fmt: skip
-"""One row per window: the point of its patch if patches were compared, its first cell on the grid,
-its centre, the contrast of the render, and the offset of the image from the render in cells.
-"""
-
-
-def csv_text(images: Iterable[ImageVerdict]) -> str:
-    """Table of all points of all images; missing figures are empty cells."""
-    return _text(POINT_COLUMNS, (row for image in images for row in point_rows(image)))
-
-
-def windows_csv_text(images: Iterable[ImageVerdict]) -> str:
-    """Table of all windows of all images."""
-    return _text(WINDOW_COLUMNS, (row for image in images for row in _window_rows(image)))
-
-
-def point_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
-    """The points of an image in the order of `POINT_COLUMNS`."""
-    matches, points = image.matches, image.points
-    claims = image.claims
-    sigma, angle = error_ellipses(matches.covariance_px2)
-    columns = (
-        [image.facts.name] * len(matches),
-        points.point_id,
-        points.longitude_deg,
-        points.latitude_deg,
-        *matches.predicted_px.T,
-        *matches.found_px.T,
-        *sigma.T,
-        angle,
-        matches.correlation,
-        matches.second,
-        matches.back_px,
-        [REASONS[code] for code in matches.code],
-        *image.residual_px.T,
-        points.pixel_m,
-        claims.probability,
-        _bits(claims.usable, claims.claimed),
-        *claims.sigma_m.T,
-        claims.angle_deg,
-        _bits(claims.found, claims.tried),
-        *claims.error_m.T,
-        matches.prior,
-        matches.posterior,
-    )
-    return list(zip(*columns, strict=True))
-
-
-def _window_rows(image: ImageVerdict) -> list[tuple[Any, ...]]:
-    if image.windows is None:
-        return []
-    w = image.windows.compared
-    unknown = np.full((w.count, 2), np.nan)
-    columns = (
-        [image.facts.name] * w.count,
-        [""] * w.count if image.windows.point_id is None else image.windows.point_id,
-        w.row,
-        w.col,
-        image.windows.longitude_deg,
-        image.windows.latitude_deg,
-        w.correlation,
-        w.contrast,
-        *(unknown if w.offset_px is None else w.offset_px).T,
-    )
-    return list(zip(*columns, strict=True))
-
-
-def _bits(values: Mask, known: Mask) -> list[int | str]:
-    """0 or 1; empty where the value is unknown."""
-    return [int(value) if sure else "" for value, sure in zip(values, known, strict=True)]
-
-
-def _text(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    return "".join(csv_lines([columns, *(map(_cell, row) for row in rows)]))
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, float | np.floating):
-        return f"{float(value) + 0.0:.{DIGITS}g}" if math.isfinite(value) else ""
-    return value
-
-
-def validate(
-    catalog: Path | str,
-    images: Path | str | Sequence[Path | str],
-    cameras: Path | str | Sequence[Path | str | None] | None = None,
-    output: Path | str | None = None,
-    *,
-    position_sigma_m: float = 1000.0,
-    attitude_sigma_deg: float = 0.1,
-    known_pose: bool = False,
-    sun: SunStated = None,
-    disc: bool | None = None,
-    environment: Environment | Path | str | None = None,
-    dem: Dems = (),
-    gsd_m: float | None = None,
-    window: int = 16,
-    step: int | None = None,
-    remove_offset: bool = False,
-    reflectance: Reflectance | str = VALIDATION_LAW,
-    albedo: AlbedoMap | Path | str | None = None,
-    accuracy: str | None = None,
-    tolerance: float | None = None,
-    encoding: str = ENCODINGS[0],
-    band: int | None = None,
-    nodata: float | None = None,
-    faint: bool = False,
-    fit_errors: bool = False,
-    overwrite: bool = False,
-    progress: Progress | None = None,
-) -> Result:
-    """Find a catalogue's points in images, solve for each camera's position, and compare the images
-    with renders.
-
-    Parameters
-    ----------
-    catalog:
-        The catalogue's file.
-    images:
-        Image files, one or several.
-    cameras:
-        Their camera files: one for all, or one each; None for an image in a map projection.
-    output:
-        Also write report.json, report.html, points.csv and windows.csv into this folder.
-    position_sigma_m, attitude_sigma_deg:
-        Uncertainty of the cameras, 1 sigma for each axis; 0: exact.
-    known_pose:
-        True: the camera files' positions are the true ones; the error of the estimate is reported.
-    sun:
-        The Sun: its azimuth, degrees clockwise from north, and elevation at the image's centre; or an instant (ISO
-        text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
-    disc:
-        Renders of the DEM under the solar disc (True) or a point (False); None: as the accuracy says.
-    environment:
-        In place of the Sun: an environment map (equirectangular panorama).
-    dem:
-        Compare the whole image with renders of these DEMs; none: with the catalogue's patches.
-    gsd_m:
-        Cell size at which windows are compared; None: the DEM's effective resolution, or the cells of
-        the patches.
-    window, step:
-        Side and spacing of the compared windows, cells; None: windows adjoin.
-    remove_offset:
-        True: remove the image's overall offset before windows are compared.
-    reflectance:
-        Reflectance law of the renders, or its name.
-    albedo:
-        Albedo map, or its file.
-    accuracy, tolerance:
-        Tier (`accuracy.TIERS`), or instead the largest error of a node's sunlit share.
-    encoding:
-        ``linear``, ``srgb``, or ``auto``: srgb for 8 bits if the points found correlate better so.
-    band, nodata:
-        Band of the images (None: the first, or luminance), and an additional value of missing pixels.
-    faint:
-        True: accept weak matches and rely on their mutual agreement.
-    fit_errors:
-        True: also fit the error model to the points searched for (`Result.fitted`).
-    overwrite:
-        True: replace existing files of the folder.
-    progress:
-        Called with the number of images done and of all.
-
-    Returns
-    -------
-    Result
-        ``verdict``, with ``document()``, the content of report.json; ``located``; ``fitted``.
-
-    Raises
-    ------
-    CatalogError, DemError, ImageError, CameraError, SunError
-        For files that cannot be read; errors of one image are its result, unless all fail.
-    ConfigError
-        For other numbers of images and cameras.
-
-    Examples
-    --------
-    >>> found = lcp.validate(catalog, folder / "AS15-M-0414.png", camera)
-    >>> image, = found.verdict.document()["images"]
-    >>> image["image"], image["points_in_view"] > 0
-    ('AS15-M-0414.png', True)
-    """
-    folder = None if output is None else Path(output)
-    if folder is not None:
-        check_folder(folder, FILES, overwrite)
-    auto = encoding == "auto"
-    result = run_validation(
-        Validation(
-            catalog_path=Path(catalog),
-            files=image_files(images, cameras),
-            uncertainty=Uncertainty(position_sigma_m, float(np.radians(attitude_sigma_deg))),
-            dem_paths=dem_paths(dem),
-            windows=WindowChoice(window, step or window, gsd_m, remove_offset),
-            sun=SunChoice.of(sun),
-            model=law_of(reflectance),
-            accuracy=accuracy_of(accuracy, tolerance),
-            albedo=AlbedoMap.open(albedo) if isinstance(albedo, Path | str) else albedo,
-            pose_is_known=known_pose,
-            pixels=ImageOptions(band, nodata, encoding=ENCODINGS[0] if auto else encoding),
-            faint=faint,
-            fit_errors=fit_errors,
-            choose_encoding=auto,
-            environment=Environment.opened(environment),
-            disc=disc,
-        ),
-        progress,
-    )
-    if folder is not None:
-        write_validation(result, folder, overwrite)
-    return result
-
-
-def image_files(
-    images: Path | str | Sequence[Path | str],
-    cameras: Path | str | Sequence[Path | str | None] | None,
-) -> tuple[ImageFiles, ...]:
-    """Each image with its camera file. ConfigError if their numbers do not match."""
-    shown = [images] if isinstance(images, Path | str) else list(images)
-    seen = [cameras] if cameras is None or isinstance(cameras, Path | str) else list(cameras)
-    if len(seen) == 1:
-        seen *= len(shown)
-    if len(seen) != len(shown):
-        raise ConfigError(
-            f"{len(seen)} cameras for {len(shown)} images: give one, or one per image in the same order"
-        )
-    return tuple(
-        ImageFiles(Path(image), None if camera is None else Path(camera))
-        for image, camera in zip(shown, seen, strict=True)
-    )

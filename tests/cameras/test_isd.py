@@ -21,7 +21,7 @@ from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.scanners import LineScanner, PushFrame
 from lcp_catalog.ephemeris.times import utc_of_ephemeris_time
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 
 REAL = {
@@ -131,7 +131,7 @@ def test_ground_image_ground(real, name):
     """
     sensor = read_sensor(real[name])
     pixels = some_pixels(sensor, 400)
-    ranges, points = frames.hits(*sensor.looks(pixels))
+    ranges, points = sphere_intersection.hits(*sensor.looks(pixels))
     points, pixels = points[np.isfinite(ranges)], pixels[np.isfinite(ranges)]
     assert len(points) > 80  # part of the Apollo frame is beyond the limb
     again = sensor.project(points)
@@ -139,9 +139,9 @@ def test_ground_image_ground(real, name):
     assert sensor.in_image(again[:400]).all() or REAL[name] is PushFrame
     if REAL[name] is not PushFrame:
         assert np.abs(again - pixels).max() < 1e-6
-    _, seen = frames.hits(*sensor.looks(again))
+    _, seen = sphere_intersection.hits(*sensor.looks(again))
     half = np.array([0.5, 0.0])
-    left, right = (frames.hits(*sensor.looks(again + d))[1] for d in (-half, half))
+    left, right = (sphere_intersection.hits(*sensor.looks(again + d))[1] for d in (-half, half))
     pixel_m = np.linalg.norm(right - left, axis=1)
     assert np.abs(np.linalg.norm(seen - points, axis=1) / pixel_m).max() < 1e-6
     towards = sensor.towards(points)
@@ -171,7 +171,7 @@ def test_corners_of_a_terrain_camera_image(real, shared_data):
         if line.startswith(("UPPER_", "LOWER_")) and "TUDE" in line
     }
     sensor = read_sensor(real["kaguyatc_isd"])
-    _, points = frames.hits(*sensor.looks([[0, 0], [3207, 0]]))
+    _, points = sphere_intersection.hits(*sensor.looks([[0, 0], [3207, 0]]))
     off = []
     for point, corner in zip(points, ("UPPER_LEFT", "UPPER_RIGHT"), strict=True):
         place = lonlat_to_mcmf(stated[f"{corner}_LONGITUDE"], stated[f"{corner}_LATITUDE"])
@@ -179,7 +179,7 @@ def test_corners_of_a_terrain_camera_image(real, shared_data):
         assert np.linalg.norm(off[-1]) < 155.0
     assert np.linalg.norm(off[0] - off[1]) < 25.0  # both ends of the line have the same offset
     # the whole image has 4656 lines, of which the ISD describes 400: extrapolate along the left edge
-    _, (first, last) = frames.hits(*sensor.looks([[0, 0], [0, 399]]))
+    _, (first, last) = sphere_intersection.hits(*sensor.looks([[0, 0], [0, 399]]))
     lower = lonlat_to_mcmf(stated["LOWER_LEFT_LONGITUDE"], stated["LOWER_LEFT_LATITUDE"])
     along = (last - first) / np.linalg.norm(last - first)
     ahead = (lower - first) / np.linalg.norm(lower - first)
@@ -226,7 +226,7 @@ def test_framelets_follow_on_one_another(real, name):
     sensor = read_sensor(real[name])
     column, first = sensor.shape[1] / 2, sensor.lines * (sensor.framelets // 2)
     rows = [first, first + sensor.lines - 1, first + sensor.lines]
-    start, end, after = frames.hits(*sensor.looks([[column, row] for row in rows]))[1]
+    start, end, after = sphere_intersection.hits(*sensor.looks([[column, row] for row in rows]))[1]
     row = (end - start) / (sensor.lines - 1)
     advance = (after - start) @ row / (row @ row)
     assert 0.7 * sensor.lines < advance < sensor.lines
@@ -244,7 +244,7 @@ def test_two_isds_of_one_image_agree(real):
     hundredth of a pixel.
     """
     kernels, cube = read_sensor(real["lrolroc_isd"]), read_sensor(real["lro_isis_isd"])
-    points = frames.hits(*cube.looks([[0.0, 0.0]]))[1]
+    points = sphere_intersection.hits(*cube.looks([[0.0, 0.0]]))[1]
     assert kernels.project(points)[0] == pytest.approx([0.0, 0.0], abs=0.01)
 
 
@@ -255,7 +255,7 @@ def test_an_apollo_camera_looks_along_minus_z(real):
     """
     camera = read_sensor(real["apollometric_isd"])
     middle = np.array([1000.0, 500.0])
-    _, (at, right, down) = frames.hits(
+    _, (at, right, down) = sphere_intersection.hits(
         *camera.looks(middle + np.array([[0.0, 0], [50.0, 0], [0.0, 50.0]]))
     )
     assert np.cross(right - at, down - at) @ at < 0.0

@@ -8,7 +8,7 @@ import pytest
 from helpers.isd_files import orbital_framer, orbital_line_scan, orbital_push_frame, read
 
 from lcp_catalog.errors import CameraError
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 
 # conventions on a small ISD
 
@@ -74,7 +74,7 @@ def test_lines_of_several_rates():
     found = scanner.times_s[64:-64]
     assert found == pytest.approx(expected, abs=1e-12)
     rows = np.array([0.0, 4.5, 9.5, 10.25])
-    points = frames.hits(*scanner.looks(np.stack([0 * rows + 4.0, rows], -1)), 1e6)[1]
+    points = sphere_intersection.hits(*scanner.looks(np.stack([0 * rows + 4.0, rows], -1)), 1e6)[1]
     assert scanner.project(points)[:, 1] == pytest.approx(rows, abs=1e-7)
 
 

@@ -16,7 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rasterio.transform import Affine
 
-from lcp_catalog.cameras.sensor import ON_MAP, ORIGIN_HEIGHT_M, MapImage, Reduced, pixel_size_m
+from lcp_catalog.cameras.map_projected import ORIGIN_HEIGHT_M, MapImage
+from lcp_catalog.cameras.sensor import ON_MAP, Reduced, pixel_size_m
 from lcp_catalog.errors import ImageError
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 

@@ -10,12 +10,13 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from lcp_catalog.cameras.distortion import FocalPlane, LroNac, NoLens, OnPlane
-from lcp_catalog.cameras.scanners import BEYOND, Attitude, LineScanner, PushFrame, Track, Trajectory
+from lcp_catalog.cameras.scanners import BEYOND, LineScanner, PushFrame
 from lcp_catalog.cameras.sensor import POSE, Reduced, Uncertainty, pixel_size_m
+from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 from lcp_catalog.cameras.view import footprint
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import CameraError
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.matching.consensus import agreeing
 from lcp_catalog.matching.pose import position_error, solve
 
@@ -92,7 +93,7 @@ def test_a_line_scanner_finds_its_own_pixels(lat, wobble, backwards, six):
     scanner = line_scanner(lat_deg=lat, wobble_rad=wobble, backwards=backwards)
     scanner = scanner.moved(six * [500.0, 500, 500, 1e-2, 1e-2, 1e-2])
     pixels = grid(scanner)
-    points = frames.hits(*scanner.looks(pixels))[1]
+    points = sphere_intersection.hits(*scanner.looks(pixels))[1]
     again = scanner.project(points)
     assert again.shape == (23, 23, 2)
     assert np.abs(again - pixels).max() < 1e-6
@@ -140,11 +141,11 @@ def test_lines_before_the_first_and_after_the_last():
     """
     scanner = line_scanner()
     rows = np.array([-60.0, -1.0, 2000.5, 2060.0])
-    points = frames.hits(*scanner.looks(np.stack([0 * rows + 20, rows], -1)))[1]
+    points = sphere_intersection.hits(*scanner.looks(np.stack([0 * rows + 20, rows], -1)))[1]
     found = scanner.project(points)
     assert found[:, 1] == pytest.approx(rows, abs=1e-6)
     assert not scanner.in_image(found).any()
-    ends = frames.hits(*scanner.looks([[20.0, -63.9], [20.0, 2062.9]]))[1]
+    ends = sphere_intersection.hits(*scanner.looks([[20.0, -63.9], [20.0, 2062.9]]))[1]
     assert scanner.project(ends)[:, 1] == pytest.approx([-63.9, 2062.9], abs=1e-6)
     assert np.isnan(scanner.looks([[20.0, -64.1], [20.0, 2063.1]])[1]).all()
     along = points[1] - points[0]
@@ -156,7 +157,7 @@ def test_lines_before_the_first_and_after_the_last():
 
 def test_a_point_off_to_the_side_has_its_column():
     scanner = line_scanner()
-    points = frames.hits(*scanner.looks([[-300.0, 700.0], [900.0, 700.0]]))[1]
+    points = sphere_intersection.hits(*scanner.looks([[-300.0, 700.0], [900.0, 700.0]]))[1]
     found = scanner.project(points)
     assert found == pytest.approx(np.array([[-300.0, 700.0], [900.0, 700.0]]), abs=1e-6)
     assert not scanner.in_image(found).any()
@@ -166,7 +167,7 @@ def test_shapes_and_single_points():
     scanner = line_scanner()
     origin, ray = scanner.looks([3.0, 4.0])
     assert origin.shape == ray.shape == (3,)
-    point = frames.hits(origin, ray)[1]
+    point = sphere_intersection.hits(origin, ray)[1]
     assert scanner.project(point).shape == (2,)
     assert scanner.project(np.empty((0, 3))).shape == (0, 2)
     assert scanner.project(np.full((2, 4, 3), np.nan)).shape == (2, 4, 2)
@@ -176,7 +177,7 @@ def test_shapes_and_single_points():
 @pytest.mark.parametrize("make", [line_scanner, push_frame])
 def test_many_points_are_taken_in_parts(make, monkeypatch):
     sensor = make()
-    points = frames.hits(*sensor.looks(grid(sensor)))[1]
+    points = sphere_intersection.hits(*sensor.looks(grid(sensor)))[1]
     whole = sensor.project(points), sensor.towards(points)
     monkeypatch.setattr("lcp_catalog.cameras.scanners._AT_ONCE", 50)
     parts = sensor.project(points), sensor.towards(points)
@@ -209,7 +210,7 @@ def test_framelets_against_trying_them_all(lat, wobble, backwards, reverse, seed
         last = camera.first_s + camera.step_s * (camera.framelets - 1)
         camera = PushFrame(**(vars(camera) | {"first_s": last, "step_s": -camera.step_s}))
     pixels = np.random.default_rng(seed).uniform([0, 30], [299, 529], (20, 2))
-    points = frames.hits(*camera.looks(pixels))[1]
+    points = sphere_intersection.hits(*camera.looks(pixels))[1]
     for point, found in zip(points, camera.project(points), strict=True):
         column, row, inside = by_trying(camera, point)
         assert inside
@@ -220,10 +221,10 @@ def test_overlaps_use_the_framelet_nearest_the_middle():
     """Rows 0 and 13 of a framelet appear again, nearer to the middle, in its neighbours."""
     camera = push_frame()
     for row, other in ((14 * 20 + 0.5, 19), (14 * 20 + 12.5, 21), (14 * 20 + 6.0, 20)):
-        point = frames.hits(*camera.looks([150.0, row]))[1]
+        point = sphere_intersection.hits(*camera.looks([150.0, row]))[1]
         found = camera.project(point)
         assert found[1] // 14 == other
-        again = frames.hits(*camera.looks(found))[1]
+        again = sphere_intersection.hits(*camera.looks(found))[1]
         assert np.linalg.norm(again - point) < 1e-4
         assert np.abs(camera.towards(point) + camera.looks(found)[1]).max() < 1e-9
 
@@ -244,14 +245,16 @@ def test_gaps_between_framelets_are_not_seen():
         under *= MOON_RADIUS_M / np.linalg.norm(under)
         assert np.isnan(camera.project(under)).all()
         assert np.isnan(camera.towards(under)).all()
-    seen = frames.hits(*camera.looks([150.0, 14 * 20 + 3.0]))[1]
+    seen = sphere_intersection.hits(*camera.looks([150.0, 14 * 20 + 3.0]))[1]
     assert camera.project(seen) == pytest.approx([150.0, 14 * 20 + 3.0], abs=1e-6)
 
 
 def test_points_outside_the_first_and_last_framelet():
     camera = push_frame()
-    points = frames.hits(*camera.looks([[150.0, 0.0], [150.0, 559.0]]))[1]
-    out = points + 3 * (points - frames.hits(*camera.looks([[150.0, 1.0], [150.0, 558.0]]))[1])
+    points = sphere_intersection.hits(*camera.looks([[150.0, 0.0], [150.0, 559.0]]))[1]
+    out = points + 3 * (
+        points - sphere_intersection.hits(*camera.looks([[150.0, 1.0], [150.0, 558.0]]))[1]
+    )
     found = camera.project(out)
     assert found[:, 1] == pytest.approx([-3.0, 562.0], abs=0.05)
     assert not camera.in_image(found).any()
@@ -262,7 +265,7 @@ def test_projection_in_the_framelet_of_the_found_pixel():
     """In its own framelet every pixel is reproduced, also where `project` chooses another framelet."""
     camera = push_frame(wobble_rad=1e-3)
     pixels = grid(camera).reshape(-1, 2)
-    points = frames.hits(*camera.looks(pixels))[1]
+    points = sphere_intersection.hits(*camera.looks(pixels))[1]
     jumped = np.abs(camera.project(points) - pixels)[:, 1] > 1.0
     assert 0.2 < jumped.mean() < 0.9
     assert camera.project_near(points, pixels) == pytest.approx(pixels, abs=1e-6)
@@ -285,7 +288,7 @@ def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
     rng = np.random.default_rng(seed)
     camera = push_frame()
     pixels = rng.uniform([0.0, 14.0], [299.0, 545.0], (60, 2))
-    points = frames.hits(*camera.looks(pixels))[1]
+    points = sphere_intersection.hits(*camera.looks(pixels))[1]
     found = pixels + rng.normal(0.0, 0.1, pixels.shape)
     given = camera.moved([*rng.normal(0.0, 500.0, 3), *rng.normal(0.0, 2e-3, 3)])
     covariance = np.broadcast_to(0.01 * np.eye(2), (60, 2, 2))
@@ -306,7 +309,9 @@ def test_footprints_of_scanners():
     """The bounds contain what the pixels see, with little margin."""
     for sensor in (line_scanner(), push_frame(lat_deg=-50.0, backwards=True)):
         bounds = footprint(sensor)
-        lon, lat = frames.lonlat(frames.hits(*sensor.looks(grid(sensor, 60)))[1])
+        lon, lat = sphere_intersection.lonlat(
+            sphere_intersection.hits(*sensor.looks(grid(sensor, 60)))[1]
+        )
         lon = np.where(lon < bounds.west, lon + 360.0, lon)
         assert (lat >= bounds.south - 1e-3).all()
         assert (lat <= bounds.north + 1e-3).all()
@@ -330,12 +335,12 @@ def test_a_scanner_that_looks_away():
 def test_pixels_of_a_scanner_and_of_a_reduced_one():
     """10 m at 100 km; ten pixels are 100 m."""
     scanner = line_scanner()
-    points = frames.hits(*scanner.looks([[250.0, 1000.0], [30.0, 60.0]]))[1]
+    points = sphere_intersection.hits(*scanner.looks([[250.0, 1000.0], [30.0, 60.0]]))[1]
     width = np.linalg.norm(
-        np.diff(frames.hits(*scanner.looks([[250, 1000.0], [251, 1000.0]]))[1], axis=0)
+        np.diff(sphere_intersection.hits(*scanner.looks([[250, 1000.0], [251, 1000.0]]))[1], axis=0)
     )
     length = np.linalg.norm(
-        np.diff(frames.hits(*scanner.looks([[250, 1000.0], [250, 1001.0]]))[1], axis=0)
+        np.diff(sphere_intersection.hits(*scanner.looks([[250, 1000.0], [250, 1001.0]]))[1], axis=0)
     )
     assert pixel_size_m(scanner, points)[0] == pytest.approx(np.sqrt(width * length), rel=1e-4)
     assert pixel_size_m(Reduced(scanner, 10), points) == pytest.approx(
@@ -347,7 +352,7 @@ def test_pixel_sizes_across_the_borders_of_framelets():
     """A step of a metre into another framelet is not a slope: sizes are as smooth as the surface."""
     camera = push_frame()
     rows = np.linspace(20.0, 540.0, 4001)
-    points = frames.hits(*camera.looks(np.stack([0 * rows + 150.0, rows], -1)))[1]
+    points = sphere_intersection.hits(*camera.looks(np.stack([0 * rows + 150.0, rows], -1)))[1]
     near = np.concatenate([points + 0.4 * step for step in np.eye(3)])
     jumps = np.abs(camera.project(near + np.array([0, 0, 1.0])) - camera.project(near))[:, 1] > 1.0
     assert jumps.sum() > 3

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from lcp_catalog.cameras.scanners import Attitude, Track, Trajectory
+from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 
 TIMES = np.array([-3.0, -1.5, -1.0, 0.2, 1.0, 2.5, 2.75, 3.0, 4.0, 5.0, 6.5])
 QUERIES = np.concatenate([TIMES, np.linspace(-3.0, 6.5, 101)])

@@ -14,8 +14,8 @@ import xarray
 from helpers import catalogs
 
 from lcp_catalog.catalog import catalogue, schema, summary
+from lcp_catalog.catalog.layout import packing, sigma_step_m
 from lcp_catalog.catalog.maps import usable_nearby
-from lcp_catalog.catalog.schema import packing, sigma_step_m
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError

@@ -15,9 +15,9 @@ import xarray
 from helpers import catalogs
 
 from lcp_catalog.catalog import maps
+from lcp_catalog.catalog.layout import grid_mapping
 from lcp_catalog.catalog.maps import coverage_map
 from lcp_catalog.catalog.model import Coverage, CoverageMap
-from lcp_catalog.catalog.schema import grid_mapping
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import MOON_RADIUS_M

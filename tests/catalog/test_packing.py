@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from lcp_catalog.catalog.schema import axis_direction
+from lcp_catalog.catalog.layout import axis_direction
 
 
 def test_directions_of_axes_are_remainders_of_whole_degrees() -> None:

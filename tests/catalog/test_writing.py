@@ -15,7 +15,7 @@ from helpers import catalogs
 
 from lcp_catalog.catalog import catalogue, writing
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.schema import GROUPS
+from lcp_catalog.catalog.layout import GROUPS
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.catalog.writing import new_catalog, write_catalog
 from lcp_catalog.errors import CatalogError, OutputError

@@ -21,7 +21,7 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation
-from lcp_catalog.simulation.output import BITS_MAX, BLUR_MAX_PX
+from lcp_catalog.simulation.detector import BITS_MAX, BLUR_MAX_PX
 
 POINT = ["--sun", "point"]
 
@@ -154,7 +154,7 @@ def test_the_suns_shape_and_the_tier_are_asked_for(folder, tmp_path, monkeypatch
         asked.append((request.accuracy.tier, request.disc))
         raise CameraError("seen enough")
 
-    monkeypatch.setattr("lcp_catalog.simulation.output.DemSurface.seen", seen)
+    monkeypatch.setattr("lcp_catalog.simulation.frame.DemSurface.seen", seen)
     plain = [str(folder / "dem.tif"), "--camera", str(folder / "camera.json")]
     for options in ([], ["--sun", "point"], ["--sun", "disc", "--accuracy", "draft"]):
         assert run(["simulate", *plain, "-o", str(tmp_path / "f.png"), *options]) == 1

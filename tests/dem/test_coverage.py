@@ -21,8 +21,8 @@ from helpers.products import DEGREE_M, EQC
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.dem.coverage import MOON_KM2, POLAR_ERROR
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.public import MOON_KM2, POLAR_ERROR
 
 
 def test_the_reference_for_polar_rectangles() -> None:

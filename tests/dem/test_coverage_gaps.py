@@ -10,7 +10,7 @@ from helpers.bare_files import R_KM, covered, cylinder, plane_rectangle, polar, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.dem.public import POLAR_ERROR
+from lcp_catalog.dem.coverage import POLAR_ERROR
 from lcp_catalog.geometry.bounds import enclosing_bounds
 
 

@@ -24,9 +24,9 @@ from helpers.products import (
 )
 
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.dem.grid import product_name
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.pixel_statistics import height_statistics
+from lcp_catalog.dem.products import product_name
 from lcp_catalog.errors import DemError, LabelError
 
 # facts.md: quarter-degree cells of LDEM_4 (lat, lon, height in metres)

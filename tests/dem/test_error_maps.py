@@ -15,7 +15,7 @@ from helpers.products import DEGREE_M, cylinder, geotiff
 from scipy.interpolate import RegularGridInterpolator
 
 from lcp_catalog.atomic_files import file_facts
-from lcp_catalog.dem import grid
+from lcp_catalog.dem import products
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.error_maps import (
     LENGTH_PER_RESOLUTION,
@@ -163,7 +163,7 @@ def test_a_file_without_a_map_has_the_figures_of_its_product_and_of_its_heights(
 
 
 def test_a_calibration_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = grid.ProductFacts("GLD100", None, 20.0, 300.0, "published", 6.5, 420.0, "images")
+    made = products.ProductFacts("GLD100", None, 20.0, 300.0, "published", 6.5, 420.0, "images")
     monkeypatch.setattr(Dem, "facts", property(lambda dem: made))
     found = errors_of_file(Dem.open(HADLEY))
     assert (found.sigma_m, found.length_m) == (6.5, 420.0)

@@ -15,8 +15,8 @@ from click.testing import CliRunner
 from helpers.products import cylinder, hills
 from lcp_cli.main import cli
 
-from lcp_catalog.dem.grid import facts_of, is_called, product_name
 from lcp_catalog.dem.mosaic import DemSet, disagreements, warn_of_disagreements
+from lcp_catalog.dem.products import facts_of, is_called, product_name
 from lcp_catalog.errors import ConfigError, DemError
 from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.production.config import AreaConfig, BuildConfig, DemConfig

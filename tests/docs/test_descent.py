@@ -14,7 +14,7 @@ from rasterio.windows import from_bounds
 from scipy.ndimage import label
 
 from lcp_catalog.dem.dem import Dem
-from lcp_catalog.terrain.terrain import resolves
+from lcp_catalog.terrain.useful_cell import resolves
 
 ROOT = Path(__file__).parents[2]
 SAMPLE = ROOT / "sample_data/hadley_gld100_256ppd.tif"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.snyder_maps import MAPS, R, geographic, places, sinusoidal
 
-from lcp_catalog.cameras.sensor import MapImage
+from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.errors import ImageError, LabelError
 from lcp_catalog.geometry.map_plane import MapProjection
 

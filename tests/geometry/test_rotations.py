@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation, Slerp
 
-from lcp_catalog.geometry.frames import (
+from lcp_catalog.geometry.rotations import (
     apart_rad,
     between,
     by_vector,

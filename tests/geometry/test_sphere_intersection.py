@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
 
 R = MOON_RADIUS_M
@@ -37,7 +37,7 @@ def seen_radius(height):
 def relative_error(position, direction):
     """Of our range; inf where one of us sees sky and the other does not."""
     ours, true = (
-        float(frames.ranges(position, direction)),
+        float(sphere_intersection.ranges(position, direction)),
         exact_range(position, direction),
     )
     if true is None or math.isnan(ours):
@@ -100,7 +100,7 @@ def test_sky_is_what_passes_outside(up, side, log_height, log_off, outside):
     assume(sine < 1.0)
     direction = -math.sqrt(1.0 - sine * sine) * up + sine * unit(across)
     miss = exact_miss(position, direction)
-    assert np.isnan(frames.ranges(position, direction)) == bool(miss > 0)
+    assert np.isnan(sphere_intersection.ranges(position, direction)) == bool(miss > 0)
 
 
 def test_the_textbook_formula_fails_where_ours_does_not():
@@ -121,11 +121,11 @@ def test_the_textbook_formula_fails_where_ours_does_not():
 
 def test_on_the_sphere_itself():
     on = np.array([R, 0.0, 0.0])
-    assert frames.ranges(on, [-1.0, 0.0, 0.0]) == 0.0
-    assert np.isnan(frames.ranges(on, [1.0, 0.0, 0.0]))
-    assert np.isnan(frames.ranges(on, [0.0, 1.0, 0.0]))
-    assert float(frames.heights(on)) == 0.0
-    assert frames.limb_angle(on) == pytest.approx(math.pi / 2)
+    assert sphere_intersection.ranges(on, [-1.0, 0.0, 0.0]) == 0.0
+    assert np.isnan(sphere_intersection.ranges(on, [1.0, 0.0, 0.0]))
+    assert np.isnan(sphere_intersection.ranges(on, [0.0, 1.0, 0.0]))
+    assert float(sphere_intersection.heights(on)) == 0.0
+    assert sphere_intersection.limb_angle(on) == pytest.approx(math.pi / 2)
 
 
 def test_spheres_whose_radius_has_a_long_square():
@@ -136,7 +136,7 @@ def test_spheres_whose_radius_has_a_long_square():
         position = unit(rng.normal(size=3)) * (radius * (1.0 + 1e-6 * rng.random()))
         direction = -position / radius + 0.9 * unit(rng.normal(size=3))
         true = exact_range(position, direction, radius)
-        found = frames.ranges(position, direction, radius)
+        found = sphere_intersection.ranges(position, direction, radius)
         assert np.isnan(found) == (true is None)
         if true is not None:
             assert abs(float((mpmath.mpf(float(found)) - true) / true)) < RANGE_ERROR
@@ -144,7 +144,7 @@ def test_spheres_whose_radius_has_a_long_square():
 
 def test_a_tangent_ray_touches():
     """(R, R, 0) looks along -y: it meets the sphere in (R, 0, 0), where both roots are one."""
-    assert frames.ranges([R, R, 0.0], [0.0, -2.0, 0.0]) == R
+    assert sphere_intersection.ranges([R, R, 0.0], [0.0, -2.0, 0.0]) == R
 
 
 def test_heights_are_exact():
@@ -153,7 +153,9 @@ def test_heights_are_exact():
         p = unit(rng.normal(size=3)) * (R + rng.choice([-1, 1]) * 10.0 ** rng.uniform(-8, 6))
         with mpmath.workdps(60):
             true = mpmath.sqrt(sum(mpmath.mpf(float(x)) ** 2 for x in p)) - mpmath.mpf(R)
-        assert float(frames.heights(p)) == pytest.approx(float(true), rel=1e-15, abs=0.0)
+        assert float(sphere_intersection.heights(p)) == pytest.approx(
+            float(true), rel=1e-15, abs=0.0
+        )
 
 
 def test_limb_angle_of_low_cameras():
@@ -161,10 +163,10 @@ def test_limb_angle_of_low_cameras():
     for away in (R + 0.0137, R + 1.37, R + 1234.567, R + 1.01e9):
         with mpmath.workdps(40):
             true = mpmath.asin(mpmath.mpf(R) / mpmath.mpf(away))
-        found = frames.limb_angle(np.array([0.0, away, 0.0]))
+        found = sphere_intersection.limb_angle(np.array([0.0, away, 0.0]))
         assert found == pytest.approx(float(true), rel=1e-15, abs=0.0)
     with pytest.raises(ValueError, match="no limb"):
-        frames.limb_angle(np.array([0.0, R - 1.0, 0.0]))
+        sphere_intersection.limb_angle(np.array([0.0, R - 1.0, 0.0]))
 
 
 def test_hits_and_their_places():
@@ -177,11 +179,11 @@ def test_hits_and_their_places():
     for distance, good_m in ((1e6, 2e-9), (1e9, 5e-7)):
         camera = unit([1.0, 2.0, -1.5]) * (R + distance)
         facing = places @ camera > R * R + 1e-3 * R * distance
-        found, points = frames.hits(camera, places[facing] - camera)
+        found, points = sphere_intersection.hits(camera, places[facing] - camera)
         seen_under = np.sum(points * unit(camera - places[facing]), axis=-1) / R
         assert (np.linalg.norm(points - places[facing], axis=-1) * seen_under).max() < good_m
         assert found == pytest.approx(np.linalg.norm(places[facing] - camera, axis=-1), rel=1e-13)
-        back_lon, back_lat = frames.lonlat(points)
+        back_lon, back_lat = sphere_intersection.lonlat(points)
         assert np.abs(back_lat - lat[facing]).max() < 1e-9
         turn = (back_lon - lon[facing] + 180.0) % 360.0 - 180.0
         assert (np.abs(turn) * np.cos(np.radians(back_lat))).max() < 1e-9
@@ -192,13 +194,13 @@ def test_hits_and_their_places():
 def test_shapes_and_refusals():
     d = np.tile([0.0, 0.0, -1.0], (3, 4, 1))
     p = np.array([0.0, 0.0, 2.0 * R])
-    assert (frames.ranges(p, d) == R).all()
-    assert frames.ranges(p, d).shape == (3, 4)
-    assert (frames.ranges(d * -3.0 * R, d) == 2 * R).all()
-    assert frames.ranges(p, d[0, 0]).shape == ()
-    assert frames.ranges(p, d * 1e-300)[0, 0] == R
-    assert frames.ranges(p, d * 1e300)[0, 0] == R
-    assert frames.ranges(p, np.zeros((0, 3))).shape == (0,)
+    assert (sphere_intersection.ranges(p, d) == R).all()
+    assert sphere_intersection.ranges(p, d).shape == (3, 4)
+    assert (sphere_intersection.ranges(d * -3.0 * R, d) == 2 * R).all()
+    assert sphere_intersection.ranges(p, d[0, 0]).shape == ()
+    assert sphere_intersection.ranges(p, d * 1e-300)[0, 0] == R
+    assert sphere_intersection.ranges(p, d * 1e300)[0, 0] == R
+    assert sphere_intersection.ranges(p, np.zeros((0, 3))).shape == (0,)
     for position, direction in ((p[:2], d), (p, d * 0), (p * np.nan, d), (p, d + np.inf)):
         with pytest.raises(ValueError, match="invalid rays"):
-            frames.ranges(position, direction)
+            sphere_intersection.ranges(position, direction)

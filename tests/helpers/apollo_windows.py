@@ -24,16 +24,8 @@ from lcp_catalog.photometry.srgb import decode_srgb
 from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
 from lcp_catalog.rendering.renderer import Method, Rendering, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.validation.ground_comparison import (
-    Ortho,
-    Pair,
-    WindowComparison,
-    compare,
-    orthorectify,
-    paired,
-    rendered_cell_m,
-    terrain_nodes,
-)
+from lcp_catalog.validation.ground_comparison import WindowComparison, compare, rendered_cell_m
+from lcp_catalog.validation.orthoimage import Ortho, Pair, orthorectify, paired, terrain_nodes
 
 from .apollo_frames import FRAMED, MARGIN_PX, YARDSTICKS
 

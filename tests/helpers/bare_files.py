@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from lcp_catalog.dem.coverage import set_coverage
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.grid import Grid
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.dem.public import set_coverage
 from lcp_catalog.dem.raster import Raster
 
 from .products import DEGREE_M, RADIUS_M

@@ -14,8 +14,8 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation import output as simulate
-from lcp_catalog.simulation.output import Detector
+from lcp_catalog.simulation import frame
+from lcp_catalog.simulation.detector import Detector
 
 from .catalogs import HADLEY
 from .twins_match import catalog_of_dem, looking_at
@@ -55,9 +55,7 @@ def taken(
         model=LAW,
         disc=False,
     )
-    return simulate.simulated_image(
-        request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed)
-    )
+    return frame.simulated_image(request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed))
 
 
 @cache

@@ -22,7 +22,7 @@ from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.pipeline import HeightfieldScene, prepare_terrain
 from lcp_catalog.rendering.public import geotiff
 from lcp_catalog.rendering.request import Request
-from lcp_catalog.validation.ground_comparison import orthorectify, terrain_nodes
+from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
 
 PAIR = Path("images") / "nac-tranqpit1-pair"
 STEP_M = 119.0 / 255.0

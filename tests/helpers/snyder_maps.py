@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from rasterio.transform import Affine
 
-from lcp_catalog.cameras.sensor import MapImage
+from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf
 

@@ -15,7 +15,7 @@ from helpers import image_files as files
 from helpers.image_files import MAP, NOON, SHAPE, opened, refused, scene
 
 from lcp_catalog.cameras.camera_file import read_camera
-from lcp_catalog.cameras.sensor import MapImage
+from lcp_catalog.cameras.map_projected import MapImage
 from lcp_catalog.cameras.view import center_of
 from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import ImageError

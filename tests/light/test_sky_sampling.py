@@ -13,7 +13,8 @@ from helpers.synthetic import cratered
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import CameraView, ParallelView, looking_camera, nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.light.bounced_light import (
+from lcp_catalog.light.environment_map import Panorama
+from lcp_catalog.light.sky_sampling import (
     BETWEEN_NODES_RMS,
     samples_of,
     sky_at_nodes,
@@ -21,7 +22,6 @@ from lcp_catalog.light.bounced_light import (
     sky_rms,
     sky_samples,
 )
-from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.sources import Lighting, SurfacePoints, split_sources
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 from lcp_catalog.rendering.renderer import Method, render_camera, render_enu

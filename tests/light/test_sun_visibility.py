@@ -21,7 +21,7 @@ from lcp_catalog.errors import AreaError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_visibility import among_terrain, sun_over_ground
 from lcp_catalog.terrain.area import NodeWindow
-from lcp_catalog.terrain.relief_bounds import SunRays, build_surrounded, surroundings
+from lcp_catalog.terrain.surroundings import SunRays, build_surrounded, surroundings
 from lcp_catalog.terrain.terrain import Ground
 
 

@@ -30,7 +30,8 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.output import DemSurface, Detector, frame
+from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.frame import DemSurface, frame
 
 LAW = reflectance_model("lommel-seeliger")
 PER_DEGREE = 64

@@ -21,7 +21,8 @@ from lcp_catalog.matching.consensus import agree
 from lcp_catalog.matching.joint_detection import JointDetection, at_least_found, joint_detection
 from lcp_catalog.matching.position_fix import USUAL, Options
 from lcp_catalog.navigation.documents import document
-from lcp_catalog.navigation.expected_position import PlannedImage, Query, answers
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
 
 CLAIMS = np.array([0.97, 0.9, 0.75, 0.4, 0.12, 0.02])
 

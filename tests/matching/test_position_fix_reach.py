@@ -17,10 +17,11 @@ from helpers.suns import light
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.common_errors import SharedTerrain
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_search import find_points
-from lcp_catalog.matching.pose import SharedTerrain, solve
+from lcp_catalog.matching.pose import solve
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,

@@ -9,10 +9,12 @@ from helpers.catalogs import HADLEY as HADLEY_DEM
 from helpers.twins_match import catalog_of_dem
 
 from lcp_catalog.cameras.distortion import FocalPlane, NoLens
-from lcp_catalog.cameras.scanners import BEYOND, Attitude, LineScanner, Track, Trajectory
+from lcp_catalog.cameras.scanners import BEYOND, LineScanner
 from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.geometry.frames import EnuFrame, direction_enu, quaternion_of
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.geometry.rotations import quaternion_of
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import LOCATED, locate

@@ -12,7 +12,7 @@ import pytest
 from helpers.posed import HADLEY, camera, ground
 
 from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
-from lcp_catalog.matching.pose import shadow_shift_m, shadow_shift_px
+from lcp_catalog.matching.common_errors import shadow_shift_m, shadow_shift_px
 
 
 def sun(azimuth_deg: float, elevation_deg: float) -> np.ndarray:

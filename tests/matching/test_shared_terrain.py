@@ -11,7 +11,8 @@ import pytest
 from helpers.posed import camera, covariances, ground
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.matching.pose import SharedTerrain, solve
+from lcp_catalog.matching.common_errors import SharedTerrain
+from lcp_catalog.matching.pose import solve
 
 UNCERTAIN = Uncertainty(5000.0, np.radians(0.5))
 

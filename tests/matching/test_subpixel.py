@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcp_catalog.matching.joint_offset import moved, peaks, undone
+from lcp_catalog.matching.subpixel import moved, peaks, undone
 from lcp_catalog.validation.ground_comparison import common_shift, compare
 
 

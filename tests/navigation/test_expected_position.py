@@ -21,14 +21,13 @@ from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.expected_position import (
-    CAUSES,
     Answer,
     Information,
-    PlannedImage,
     Query,
     answers,
     best_points,
 )
+from lcp_catalog.navigation.frame_points import CAUSES, PlannedImage
 
 SUN, ALL = SunChoice(100.0, 17.0), Query()
 BENT = (-0.08, 0.02, 0.001, -0.0008, 0.0)

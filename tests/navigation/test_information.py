@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcp_catalog.matching.pose import SharedTerrain
+from lcp_catalog.matching.common_errors import SharedTerrain
 from lcp_catalog.navigation.expected_position import Information
 
 COUNT = 12

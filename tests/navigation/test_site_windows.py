@@ -19,7 +19,8 @@ from lcp_catalog.errors import CatalogError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation import site_windows as windows
-from lcp_catalog.navigation.expected_position import PlannedImage, Query, answers
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
 
 SITE = EnuFrame(*catalogs.CENTER)
 TIMES = instant_range("2026-01-20", "2026-02-14", 2 * 86400.0)

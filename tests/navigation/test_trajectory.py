@@ -21,15 +21,11 @@ from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CameraError, OutputError, SunError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.navigation import expected_position
+from lcp_catalog.navigation import frame_points
 from lcp_catalog.navigation.documents import TrajectoryChart
-from lcp_catalog.navigation.expected_position import (
-    Answer,
-    PlannedImage,
-    Query,
-    answers,
-    read_trajectory,
-)
+from lcp_catalog.navigation.expected_position import Answer, Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
+from lcp_catalog.navigation.trajectory_file import read_trajectory
 
 SUN = SunChoice(100.0, 17.0)
 TIMES = [f"2026-01-26T18:00:{k:02d}" for k in range(8)]
@@ -168,7 +164,7 @@ def test_every_frame_has_the_answer_that_it_has_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also from the file, whose claims are read for several frames at once."""
-    monkeypatch.setattr(expected_position, "PAIRS_AT_ONCE", at_once)
+    monkeypatch.setattr(frame_points, "PAIRS_AT_ONCE", at_once)
     write_catalog(catalog, tmp_path / "c.h5")
     found = along(open_catalog(tmp_path / "c.h5", check=False), cameras, Query(most=9))
     assert len(found) == len(cameras)

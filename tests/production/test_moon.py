@@ -13,9 +13,10 @@ import xarray
 from helpers.pages import parsed
 from helpers.virtual_moon import virtual_moon
 
+from lcp_catalog.catalog.layout import grid_mapping
 from lcp_catalog.catalog.maps import overview_levels
 from lcp_catalog.catalog.report import render_report
-from lcp_catalog.catalog.schema import LEVEL_FACTORS, grid_mapping
+from lcp_catalog.catalog.schema import LEVEL_FACTORS
 from lcp_catalog.catalog.summary import describe
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.dem.mosaic import DemSet

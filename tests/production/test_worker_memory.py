@@ -19,7 +19,8 @@ from lcp_catalog.production.config import (
     ViewConfig,
 )
 from lcp_catalog.production.executor import processes, run_tasks
-from lcp_catalog.production.run import MARGIN_MB, Build, area_mb, divided, worker_mb
+from lcp_catalog.production.run import Build
+from lcp_catalog.production.worker_memory import MARGIN_MB, area_mb, divided, worker_mb
 from lcp_catalog.terrain.area import Area
 
 FINE = BuildConfig(

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from lcp_catalog.cameras.view import looking_camera, nadir_view
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.sphere_pipeline import (
+from lcp_catalog.rendering.sphere_renderer import (
     PROBES_MOST,
     render_sphere_camera,
     render_sphere_enu,
@@ -182,7 +182,7 @@ def test_a_slanting_view_of_noise_against_brute_force(tmp_path):
     found, true = [], []
     for i, j in np.argwhere(plain.visible == 1.0):
         rays = camera.rays(np.stack(np.meshgrid(j + step, i + step), -1))
-        _, points = frames.hits(camera.position_mcmf_m, rays)
+        _, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
         lon, lat, _ = mcmf_to_lonlat(points)
         true.append(ground.at(lon, lat, 100.0).mean())
         found.append(mapped.radiance[i, j] / plain.radiance[i, j])
@@ -204,7 +204,7 @@ def test_pixels_of_a_picture_against_brute_force(wavy):
     checked = 0
     for i, j in np.argwhere((plain.visible > 0.2) & (plain.radiance > 0)):
         rays = camera.rays(np.stack(np.meshgrid(j + step, i + step), -1))
-        _, points = frames.hits(camera.position_mcmf_m, rays)
+        _, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
         on = np.isfinite(points[..., 0])
         true = waves(*mcmf_to_lonlat(points[on])[:2]).mean()
         assert mapped.radiance[i, j] / plain.radiance[i, j] == pytest.approx(true, abs=0.03)

@@ -9,7 +9,7 @@ from helpers.twins_sphere import sampled_coverage
 import lcp_catalog.rendering.sphere_pipeline as limb
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 
 R = MOON_RADIUS_M
 
@@ -40,12 +40,12 @@ def test_coverage_against_brute_force(radius_px, distance):
         true = sampled_coverage(camera, column.flat[k], row.flat[k], 700)
         assert share[k] == pytest.approx(true, abs=limb.COVERAGE_ERROR + 0.5 / 700)
         towards = camera.rays(middle[k])
-        assert not np.isnan(frames.ranges(camera.position_mcmf_m, towards))
+        assert not np.isnan(sphere_intersection.ranges(camera.position_mcmf_m, towards))
     pixels = np.stack([column, row], -1).astype(float)
     near = limb.limb_pixels(camera, camera.rays(pixels), limb.pixel_angle(camera))
     assert near.ravel()[cut].all()
     assert near.sum() < 0.3 * near.size or distance < 3 * R
-    ground = ~np.isnan(frames.ranges(camera.position_mcmf_m, camera.rays(pixels)))
+    ground = ~np.isnan(sphere_intersection.ranges(camera.position_mcmf_m, camera.rays(pixels)))
     far = ~near
     assert (share.reshape(40, 40)[far] == ground[far]).all()
 

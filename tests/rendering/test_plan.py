@@ -14,7 +14,7 @@ from lcp_catalog.cameras.view import CameraView, nadir_view, oblique_view
 from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
-from lcp_catalog.rendering.decisions import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
+from lcp_catalog.rendering.error_bounds import NORMAL_ROUNDING_RAD, horizon_beyond_rad, limb_tangent
 from lcp_catalog.rendering.plan import ring_decision
 from lcp_catalog.rendering.renderer import Method, render_enu
 

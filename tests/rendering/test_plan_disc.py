@@ -25,7 +25,7 @@ from lcp_catalog.constants import SOLAR_RADIUS_RAD
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import radiance_under, reflectance_model
-from lcp_catalog.rendering.decisions import PENUMBRA_PX, penumbra_px
+from lcp_catalog.rendering.error_bounds import PENUMBRA_PX, penumbra_px
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
 from lcp_catalog.terrain.relief_bounds import relief, steepness

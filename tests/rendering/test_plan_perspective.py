@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from lcp_catalog.cameras.view import CameraView
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.decisions import parallel_direction, parallel_error, ray_angle_rad
+from lcp_catalog.rendering.error_bounds import parallel_direction, parallel_error, ray_angle_rad
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.terrain.relief_bounds import core_box, lowest_core_tangent, relief, tangent_of

@@ -16,7 +16,8 @@ from helpers.twins_isd import TwinIsd
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import Camera, fields_of_plane
-from lcp_catalog.cameras.scanners import Attitude, PushFrame, Track
+from lcp_catalog.cameras.scanners import PushFrame
+from lcp_catalog.cameras.trajectory import Attitude, Track
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import CameraError
@@ -28,7 +29,7 @@ from lcp_catalog.rendering.pipeline import SUN_MOVES_DEG, prepare, prepare_terra
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
-from lcp_catalog.validation.ground_comparison import orthorectify
+from lcp_catalog.validation.orthoimage import orthorectify
 
 KINDS = ["LINE_SCANNER", "PUSH_FRAME"]
 LAW = reflectance_model("lommel-seeliger")

@@ -15,10 +15,10 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.rendering.decisions import SHIFT_PX, SphereCost, sphere_cost
+from lcp_catalog.rendering.error_bounds import SHIFT_PX, SphereCost, sphere_cost
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import Method, render_enu
-from lcp_catalog.rendering.sphere_pipeline import render_sphere_enu, sphere_nodes
+from lcp_catalog.rendering.sphere_renderer import render_sphere_enu, sphere_nodes
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain

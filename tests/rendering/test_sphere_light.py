@@ -12,7 +12,7 @@ from lcp_catalog.constants import SOLAR_RADIUS_RAD
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.solar_disc import MEAN_SUN
 from lcp_catalog.light.sources import Lighting, LightSource
-from lcp_catalog.rendering.sphere_pipeline import (
+from lcp_catalog.rendering.sphere_renderer import (
     render_sphere_camera,
     render_sphere_enu,
     share_and_cosine,

@@ -22,11 +22,11 @@ from lcp_catalog.cameras.view import (
     oblique_view,
 )
 from lcp_catalog.errors import CameraError, SunError
-from lcp_catalog.geometry import frames
+from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.light.sources import Lighting
 from lcp_catalog.rendering.renderer import Method, render_camera, render_enu
-from lcp_catalog.rendering.sphere_pipeline import (
+from lcp_catalog.rendering.sphere_renderer import (
     render_sphere_camera,
     render_sphere_enu,
     sphere_nodes,
@@ -188,14 +188,16 @@ def test_the_limb_is_a_share_of_pixels():
     frame = EnuFrame(0.0, 0.0)
     camera = far_camera(frame, pixels=50)
     result = render_sphere_camera(frame, camera, lit_from(0, 90), model=LAMBERT)
-    radius_px = camera.focal_length_px * math.tan(frames.limb_angle(camera.position_mcmf_m))
+    radius_px = camera.focal_length_px * math.tan(
+        sphere_intersection.limb_angle(camera.position_mcmf_m)
+    )
     assert result.visible.sum() == pytest.approx(math.pi * radius_px**2, rel=1e-4)
     cut = (result.visible > 0) & (result.visible < 1)
     assert cut.sum() > 100
     for i, j in np.argwhere(cut)[::9]:
         step = (np.arange(60) + 0.5) / 60 - 0.5
         rays = camera.rays(np.stack(np.meshgrid(j + step, i + step), -1))
-        _, points = frames.hits(camera.position_mcmf_m, rays)
+        _, points = sphere_intersection.hits(camera.position_mcmf_m, rays)
         # Lambert under a Sun behind the camera: 0.12 cos(e), 0 in the sky
         mean = np.nan_to_num(0.12 * points @ frame.rotation[2] / R).mean()
         assert result.radiance[i, j] == pytest.approx(mean, rel=0.15, abs=5e-4)
@@ -244,7 +246,7 @@ def test_bands_are_sane_from_anywhere(log_height, lon, lat, off_nadir, log_focal
     assert (result.emission_deg[seen] <= 90.0 + 1e-5).all()
     away = np.linalg.norm(result.position_mcmf_m[seen], axis=-1)
     assert np.abs(away - R).max(initial=0.0) < 1e-9
-    centre = frames.ranges(position, camera.rays([[7.0, 7.0]]))
+    centre = sphere_intersection.ranges(position, camera.rays([[7.0, 7.0]]))
     if np.isfinite(centre[0]) and result.visible[7, 7] == 1.0:
         assert np.linalg.norm(result.position_mcmf_m[7, 7] - position) == pytest.approx(
             centre[0], abs=1e-6, rel=1e-9

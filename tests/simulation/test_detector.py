@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import integrate, ndimage, stats
 
 from lcp_catalog.errors import ConfigError
-from lcp_catalog.simulation.output import Detector, gathered, response
+from lcp_catalog.simulation.detector import Detector, gathered, response
 
 BLURS = st.floats(0.0, 3.0)
 SAMPLES = st.integers(1, 6)

@@ -31,20 +31,19 @@ from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.output import (
+from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.frame import (
     DemSurface,
-    Detector,
-    PatchSurface,
     SimulatedFrame,
     frame,
     grown,
-    is_catalog,
     samples_for,
     simulated_image,
     subdivided,
     sun_position,
     windowed,
 )
+from lcp_catalog.simulation.patch_surface import PatchSurface, is_catalog
 
 PLACE = EnuFrame(200.4, -30.6)
 CELL_M = 474.0
@@ -138,7 +137,7 @@ def test_one_ray_a_pixel_without_blur_is_the_render(dem):
 
 def test_pictures_in_strips_are_the_picture(dem, monkeypatch):
     whole = shoot(dem, camera(), 3, blur_px=0.7).radiance
-    monkeypatch.setattr("lcp_catalog.simulation.output._RAYS_AT_ONCE", 1000)
+    monkeypatch.setattr("lcp_catalog.simulation.frame._RAYS_AT_ONCE", 1000)
     np.testing.assert_array_equal(shoot(dem, camera(), 3, blur_px=0.7).radiance, whole)
 
 

@@ -18,7 +18,9 @@ from lcp_catalog.cameras.frame_camera import Camera, fields_of_plane
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError, CameraError
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.output import DemSurface, Detector, PatchSurface, frame
+from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.frame import DemSurface, frame
+from lcp_catalog.simulation.patch_surface import PatchSurface
 
 WHERE = {"place": (PLACE.lon_deg, PLACE.lat_deg), "subsolar": (230.0, -10.0)}
 

@@ -12,7 +12,7 @@ from lcp_catalog.dem.error_maps import warn_of_unknown
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.terrain.area import Area
-from lcp_catalog.terrain.terrain import warn_of_region
+from lcp_catalog.terrain.useful_cell import warn_of_region
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 

@@ -12,7 +12,7 @@ from helpers.products import DEGREE_M, geotiff
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AreaError
 from lcp_catalog.terrain.area import Area
-from lcp_catalog.terrain.terrain import CELL_PER_RESOLUTION, cell_for, useful_cell
+from lcp_catalog.terrain.useful_cell import CELL_PER_RESOLUTION, cell_for, useful_cell
 
 
 @pytest.mark.parametrize("posting_m", [5.0, 118.45, 1895.2])

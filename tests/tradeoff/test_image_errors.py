@@ -14,7 +14,7 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.production import sweep as sweep_module
 from lcp_catalog.production.run import Build
 from lcp_catalog.production.sweep import Sweep
-from lcp_catalog.tradeoff.measurement import compare_images
+from lcp_catalog.tradeoff.image_errors import compare_images
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ class Twin:
 
     @classmethod
     def of(cls, build: Build) -> Twin:
-        from lcp_catalog.tradeoff.measurement import _sweeps
+        from lcp_catalog.tradeoff.image_errors import _sweeps
 
         return cls(_sweeps(tiers(build)))
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.choices import LAWS_BY_COST, REFLECTANCE_MODELS
-from lcp_catalog.tradeoff.measurement import PHASES_DEG, WINDOW, ModelChanges, window_correlations
+from lcp_catalog.tradeoff.image_errors import PHASES_DEG, WINDOW, ModelChanges, window_correlations
 
 
 def pictures(seed=0, shape=(100, 70)):

@@ -17,7 +17,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
 from lcp_catalog.production.area_job import Candidates
 from lcp_catalog.production.run import Build
-from lcp_catalog.tradeoff import measurement, report
+from lcp_catalog.tradeoff import image_errors, measurement, report
 from lcp_catalog.tradeoff.measurement import TimedArea, Trade, measure_trade, spread
 
 CONTRACT = {
@@ -105,7 +105,7 @@ def test_seconds_are_medians_and_tiers_take_turns(
         return TimedArea(seconds, seconds / 2.0, empty, 1.0, float(len(calls)))
 
     monkeypatch.setattr(measurement, "timed_area", stand_in)
-    monkeypatch.setattr(measurement, "_images", lambda *_: ({t: measurement.ImageChanges() for t in TIERS}, None))  # fmt: skip
+    monkeypatch.setattr(measurement, "_images", lambda *_: ({t: image_errors.ImageChanges() for t in TIERS}, None))  # fmt: skip
     trade = measure_trade(build, areas=2, rounds=3, isolated=False)
     assert (trade.compared["areas"], trade.compared["rounds"]) == (2, 3)
     rows = trade.rows

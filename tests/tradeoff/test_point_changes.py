@@ -12,7 +12,7 @@ from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.production.area_job import Candidates
 from lcp_catalog.production.config import PointConfig
-from lcp_catalog.tradeoff.measurement import compare_points
+from lcp_catalog.tradeoff.point_changes import compare_points
 
 
 def test_lost_gained_and_moved_points_by_hand() -> None:

@@ -16,7 +16,8 @@ from lcp_cli.main import run
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import ConfigError, OutputError
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.navigation.expected_position import Answer, PlannedImage, Query, answers
+from lcp_catalog.navigation.expected_position import Answer, Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.validation.dossier import Evidence, RequirementVerdict, point_budget, write_dossier
 
 FRAME = PlannedImage.lit(camera(), SunChoice(100.0, 17.0))

@@ -22,11 +22,10 @@ from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation.output import Detector
-from lcp_catalog.simulation.output import simulated_image as simulated
+from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.frame import simulated_image as simulated
 from lcp_catalog.validation import ground_comparison
 from lcp_catalog.validation.ground_comparison import (
-    CoarseGrid,
     RenderSettings,
     WindowChoice,
     _of_one_size,
@@ -36,8 +35,8 @@ from lcp_catalog.validation.ground_comparison import (
     dem_request,
     rendered_cell_m,
     subsolar,
-    terrain_nodes,
 )
+from lcp_catalog.validation.orthoimage import CoarseGrid, terrain_nodes
 
 LAW = reflectance_model("lommel-seeliger")
 STANDARD = TIERS["standard"]

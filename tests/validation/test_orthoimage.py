@@ -19,7 +19,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.terrain import Terrain
-from lcp_catalog.validation.ground_comparison import orthorectify, terrain_nodes
+from lcp_catalog.validation.orthoimage import orthorectify, terrain_nodes
 
 SUN = np.array([1.0, 0.0, 0.0])
 

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.validation.ground_comparison import SIGMA_PER_FWHM, CoarseGrid, paired, spread
+from lcp_catalog.validation.ground_comparison import SIGMA_PER_FWHM
+from lcp_catalog.validation.orthoimage import CoarseGrid, paired, spread
 
 
 def grid(rows: int = 80, cols: int = 100) -> tuple[np.ndarray, np.ndarray]:

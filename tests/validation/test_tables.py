@@ -11,12 +11,7 @@ import numpy as np
 from helpers import verdicts
 
 from lcp_catalog.matching.matches import REASONS
-from lcp_catalog.validation.run import (
-    POINT_COLUMNS,
-    WINDOW_COLUMNS,
-    csv_text,
-    windows_csv_text,
-)
+from lcp_catalog.validation.output import POINT_COLUMNS, WINDOW_COLUMNS, csv_text, windows_csv_text
 
 
 def read(text: str) -> list[dict[str, str]]:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.matching.joint_offset import undone
+from lcp_catalog.matching.subpixel import undone
 from lcp_catalog.validation.ground_comparison import compare, of_patches
 
 
