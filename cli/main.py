@@ -140,8 +140,8 @@ def run(arguments: list[str]) -> int:
     """Run the command line and return the exit code. An error prints one line on stderr."""
     from .failures import exit_code_of  # a light import: error classes only
 
-    reset()
     try:
+        reset()
         with stopping_signals():
             result = cli.main(args=arguments, prog_name="lcp", standalone_mode=False)
     except click.exceptions.Exit as exit_:
