@@ -27,7 +27,7 @@ BUDGETS = {
     "code lines, benchmarks": 4475,  # 4100, 350 for calls that fail, and 25 for frames that are located
     "code lines, lcp_catalog": 40200,  # 39 900, and 300 for views of images and joint detection
     "code lines, cli": 3560,  # 3500, and 60 for the images that a catalogue is for
-    "words of docs": 45000,
+    "words of docs": 46500,  # 45 000, and 1500 for the page on reliability
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
