@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array, Index
+from ..child_process import call_apart
 from ..errors import AreaError
 from ..geometry.bounds import enclosing_arc
 from ..geometry.frames import mcmf_to_lonlat
-from .frames import LunarFrame
-from .points import ExportedPoints, package
+from .frames import LunarFrame, frame_named
+from .points import ExportedPoints, package, write_checked
 
 PLATES_MAX = 250_000
 """Most plates without a box: about 12 MB."""
@@ -29,6 +32,8 @@ _WORK = 4_000_000
 _VOXELS_AND_LISTS = 4_000_000
 _INDEX = 10_000_000
 _CENTURY_S = 36_525 * 86_400.0
+_LONGEST_S, _MOST_MB = 3600.0, 16_000.0
+"""Processor time and memory that SPICE may use."""
 
 
 def plate_count(points: ExportedPoints) -> int:
@@ -48,24 +53,39 @@ def write_dsk(points: ExportedPoints, path: Path) -> None:
         raise AreaError(
             f"{count} plates are too many for a site ({PLATES_MAX}); choose it with `bounds`"
         )
-    spice = package("spiceypy", "spice", "a .bds file")
-    vertices = _vertices_km(points)
-    plates = _plates(len(points), points.catalog.patch_nodes)
-    with _frame_known(spice, points.frame):
-        handle = spice.dskopn(str(path), "lcp landmark patches", 0)
-        try:
-            none = np.zeros(10)
-            low, high = spice.dskrb2(vertices, plates, _LATITUDINAL, none)
-            index = spice.dskmi2(
-                vertices, plates, _FINE_SCALE, _COARSE_SCALE, _WORK,
-                _VOXELS_AND_LISTS, _VOXELS_AND_LISTS, True, _INDEX,
-            )  # fmt: skip
+    package("spiceypy", "spice", "a .bds file")
+    vertices = path.with_name("vertices")
+    vertices.write_bytes(_vertices_km(points).data)
+    shape = [len(points), points.catalog.patch_nodes, points.frame.name]
+
+    def write(files: tuple[Path, Path]) -> None:
+        given = json.dumps([list(map(str, files)), str(vertices), *shape])
+        call_apart(write_segments, given, _LONGEST_S, _MOST_MB)
+
+    write_checked(write, path)
+
+
+def write_segments(given: str) -> None:
+    """Write kernels of JSON: their files, that of the vertices, patches, nodes along a side, and frame; in a
+    process of its own, since SPICE ends its process where it cannot write.
+    """
+    files, vertices_path, count, side, frame_name = json.loads(given)
+    spice, frame = import_module("spiceypy"), frame_named(frame_name)
+    vertices, plates = np.fromfile(vertices_path).reshape(-1, 3), _plates(count, side)
+    none = np.zeros(10)
+    with _frame_known(spice, frame):
+        index = spice.dskmi2(
+            vertices, plates, _FINE_SCALE, _COARSE_SCALE, _WORK,
+            _VOXELS_AND_LISTS, _VOXELS_AND_LISTS, True, _INDEX,
+        )  # fmt: skip
+        low, high = spice.dskrb2(vertices, plates, _LATITUDINAL, none)
+        for file in files:
+            handle = spice.dskopn(file, "lcp landmark patches", 0)
             spice.dskw02(
-                handle, _MOON, _SURFACE, _SINGLE_VALUED, points.frame.spice_name, _LATITUDINAL, none,
+                handle, _MOON, _SURFACE, _SINGLE_VALUED, frame.spice_name, _LATITUDINAL, none,
                 *_bounds_rad(vertices), low, high, -_CENTURY_S, _CENTURY_S,
                 vertices, plates, *index,
             )  # fmt: skip
-        finally:
             spice.dskcls(handle, True)
 
 

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import errno
+import filecmp
 import math
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..arrays import AnyArray, Array, Index
 from ..catalog.catalogue import Catalog
+from ..catalog.integrity import line_of
 from ..catalog.patch_terrain import patch_nodes
 from ..catalog.schema import FIGURES, VARIABLES, evaluated, usable
+from ..child_process import ChildFailedError
 from ..errors import AreaError, MissingPackageError
 from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
@@ -203,3 +209,25 @@ def package(name: str, extra: str, wanted_for: str) -> Any:
     except ImportError as error:
         text = f"{wanted_for} needs the package {name.partition('.')[0]}: pip install 'lcp-catalog[{extra}]'"
         raise MissingPackageError(text) from error
+
+
+_ROOM_BYTES = 2**16
+
+
+def write_checked(write: Callable[[tuple[Path, Path]], object], path: Path) -> None:
+    """Write a file by a library that does not report every failed write: ``write`` gets two paths, and must
+    give both the same bytes. OSError if they differ, if an error was reported, or if the disk has no room for some bytes more (then
+    both may be cut alike).
+    """
+    again, why = path.with_name(f"again-{path.name}"), "what was written cannot be read back"
+    try:
+        write((path, again))
+        same = filecmp.cmp(path, again, shallow=False)
+    except (RuntimeError, ChildFailedError) as error:
+        same, why = False, line_of(error)
+    with again.open("ab") as file:
+        file.write(bytes(_ROOM_BYTES))
+        file.flush()
+        os.fsync(file.fileno())
+    if not same:
+        raise OSError(errno.EIO, why)

@@ -18,7 +18,7 @@ from ..catalog.schema import COVERAGE_STATUS
 from ..constants import FRAME
 from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import mcmf_to_lonlat
-from .points import ExportedPoints, cells, package, plain
+from .points import ExportedPoints, cells, package, plain, write_checked
 
 _SIDE = 8
 """Most pieces of a footprint's side."""
@@ -106,22 +106,27 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
     about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning, "body": "MOON"}
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
     pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_TIME})
-    try:
+
+    def write(files: tuple[Path, Path]) -> None:
         for name, kind, geometry, fields in layers(points, "a .gpkg file"):
             first = name == "points"
-            pyogrio.raw.write(
-                path,
-                shapely.to_wkb(geometry),
-                list(fields.values()),
-                list(fields),
-                geometry_type=kind,
-                crs=points.frame.crs,
-                layer=name,
-                driver="GPKG",
-                append=not first,
-                layer_metadata=about,
-                dataset_metadata=about if first else None,
-            )
+            for file in files:
+                pyogrio.raw.write(
+                    file,
+                    shapely.to_wkb(geometry),
+                    list(fields.values()),
+                    list(fields),
+                    geometry_type=kind,
+                    crs=points.frame.crs,
+                    layer=name,
+                    driver="GPKG",
+                    append=not first,
+                    layer_metadata=about,
+                    dataset_metadata=about if first else None,
+                )
+
+    try:
+        write_checked(write, path)
     finally:
         pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
