@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import filecmp
 import importlib
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -112,6 +115,50 @@ def test_the_catalogue_that_is_read_is_never_lost(catalog: str, tmp_path: Path, 
     with pytest.raises(OutputError, match="which is read"):
         lcp.export(lcp.open_catalog(named), folder, overwrite=True)
     assert named.read_bytes() == own.read_bytes() == Path(catalog).read_bytes()
+
+
+LIMITED = (
+    "import resource, sys; from lcp_cli.main import main\n"
+    "resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)\n"
+    "main(sys.argv[2:])"
+)
+
+
+@pytest.mark.parametrize("ending", [".gpkg", ".bds"])
+@pytest.mark.parametrize("limit", [9_000, 40_000])
+def test_a_file_that_cannot_grow_is_one_line(
+    ending: str, limit: int, catalog: str, tmp_path: Path
+) -> None:
+    """Libraries that write a file themselves: GDAL reports some failures, SPICE ends its process or says
+    nothing. The limit stands in for a full disk.
+    """
+    out = tmp_path / f"out{ending}"
+    words = [sys.executable, "-c", LIMITED, str(limit), "export", catalog, "-o", str(out)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1), done.stderr
+    assert f"{out}: cannot be written: " in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("ending", [".gpkg", ".bds"])
+def test_a_file_that_was_not_written_as_told_is_refused(
+    ending: str, catalog: str, tmp_path: Path, capsys, monkeypatch
+) -> None:
+    """One wrong byte in one of two copies, of which no library says anything."""
+    real = filecmp.cmp
+
+    def damaged(one: Path, other: Path, shallow: bool) -> bool:
+        with one.open("r+b") as file:
+            file.seek(one.stat().st_size // 2)
+            byte = file.read(1)[0]
+            file.seek(-1, 1)
+            file.write(bytes([byte ^ 1]))
+        return real(one, other, shallow)
+
+    monkeypatch.setattr("lcp_catalog.exports.points.filecmp.cmp", damaged)
+    line = refusal(["export", catalog, "-o", str(tmp_path / f"o{ending}")], 1, capsys)
+    assert "cannot be written: what was written cannot be read back" in line
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_failed_folder_leaves_the_former_one(
