@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import errno
+import re
 
 import click
 
-from lcp_catalog.atomic_files import printable
-from lcp_catalog.errors import ConfigError, LcpError
+from lcp_catalog.errors import ConfigError, LcpError, printable
 
 from .messages import is_json, say
 from .signals import Stopped
@@ -43,14 +43,20 @@ def exit_code_of(error: BaseException) -> int:
     return code
 
 
+_NO_ROOM = re.compile("failed to map segment|[Cc]annot allocate memory|Unable to allocate")
+"""What an ImportError says where a library does not fit in memory."""
+
+
 def _one_line(error: BaseException) -> str:
     if isinstance(error, LcpError):
         text = str(error)
     elif isinstance(error, OSError) and error.errno == errno.ENOSPC:
         text = f"the disk is full while writing {error.filename or 'the output'}; free some space and run again"
+    elif isinstance(error, FileNotFoundError) and error.filename is None:
+        text = "the working folder no longer exists; change to one that does, and run again"
     elif isinstance(error, OSError):
         text = str(error)
-    elif isinstance(error, MemoryError):
+    elif isinstance(error, MemoryError) or _NO_ROOM.search(str(error)):
         text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
     else:
         text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"

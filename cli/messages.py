@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
-from lcp_catalog.atomic_files import printable
+from lcp_catalog.errors import printable
 
 from .names import in_options, runs
 

@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from .errors import OutputError, OutputExistsError
+from .errors import OutputError, OutputExistsError, printable
 
 try:
     import fcntl
@@ -341,16 +341,6 @@ def _cell(value: Any) -> Any:
         except ValueError:
             return f"'{value}"
     return value
-
-
-def printable(text: str) -> str:
-    """The text with escapes in place of control characters, of characters that change the direction of a
-    line, and of bytes of a file name that are not UTF-8; line breaks and tabs stay.
-    """
-    return "".join(
-        one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode()
-        for one in text
-    )
 
 
 @lru_cache(maxsize=256)

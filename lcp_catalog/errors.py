@@ -19,6 +19,16 @@ def plain(message: object) -> str:
     return NAMED.sub(r"\1", str(message))
 
 
+def printable(text: str) -> str:
+    """The text with escapes in place of control characters, of characters that change the direction of a
+    line, and of bytes of a file name that are not UTF-8; line breaks and tabs stay.
+    """
+    return "".join(
+        one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode()
+        for one in text
+    )
+
+
 class LcpError(Exception):
     """Base of all errors that the library raises on purpose; each is also a builtin error.
 
@@ -30,6 +40,10 @@ class LcpError(Exception):
     ...     print(type(error).__name__)
     CatalogError
     """
+
+    def __str__(self) -> str:
+        """The message in one line of characters that a terminal only shows."""
+        return " ".join(printable(super().__str__()).splitlines()).replace("\t", " ")
 
     @property
     def field(self) -> str | None:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from .json_fields import LARGEST
+from .json_fields import numbers as checked_numbers
 
 Pair = tuple[Array, Array]
 Map = Callable[[Any, Any], tuple[Any, Any]]
@@ -363,7 +364,7 @@ def _parsed(kind: type, name: str, value: Any) -> Any:
         return lens_from_json(value)
     shape = {"into": (2, 2), "out": (2, 2), "a": (4,), "b": (4,)}.get(name, ())
     try:
-        numbers = np.array(value, dtype=np.float64)
+        numbers = checked_numbers(value)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} does not consist of numbers") from error
     if numbers.shape != shape or not (np.abs(numbers) <= LARGEST).all():

@@ -21,7 +21,7 @@ from ..errors import CameraError
 from ..geometry.frames import EnuFrame
 from ..geometry.rotations import by_vector
 from .distortion import FocalPlane, Lens, NoLens, OpenCV, lens_from_json
-from .json_fields import LARGEST
+from .json_fields import LARGEST, numbers
 from .sensor import POSE, FullSensor
 
 FARTHEST_M = 1e11
@@ -108,7 +108,7 @@ class Camera(FullSensor):
 
     def _numbers(self, key: str, shape: tuple[int, ...]) -> Array:
         try:
-            values = np.array(getattr(self, key), dtype=np.float64)
+            values = numbers(getattr(self, key))
         except (TypeError, ValueError, OverflowError):
             self._refuse(key, "does not consist of numbers")
         if values.shape != shape or not (np.abs(values) <= LARGEST).all():

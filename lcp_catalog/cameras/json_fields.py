@@ -18,6 +18,17 @@ s.
 """
 
 
+def numbers(stated: Any) -> Array:
+    """An array of numbers. TypeError, ValueError or OverflowError for others, such as true and texts, also
+    where NumPy would convert them.
+    """
+    if not isinstance(stated, np.ndarray):
+        for one in np.array(stated, dtype=object).ravel():
+            if isinstance(one, bool | str | bytes):
+                raise TypeError("not a number")
+    return np.array(stated, dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class JsonFields:
     """A JSON object of a camera file. The ``path`` of a field is its name, or the names of nested
@@ -51,9 +62,7 @@ class JsonFields:
         """Finite numbers of a shape; None stands for any length but 0."""
         stated = self.need(path)
         try:
-            values = np.array(stated, dtype=np.float64)
-            if isinstance(stated, bool):
-                raise TypeError
+            values = numbers(stated)
         except (TypeError, ValueError, OverflowError):
             self.refuse(path, "does not consist of numbers")
         fits = len(values.shape) == len(shape) and all(

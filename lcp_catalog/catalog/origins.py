@@ -36,12 +36,20 @@ def origins(config: str, itself: Origin | None = None) -> list[Origin]:
     try:
         common = {name: value for name, value in document.items() if name != MERGED}
         found = [
-            Origin(str(one["name"]), str(one["content_sha256"]), int(one["points"]), one["config"])
+            Origin(
+                str(one["name"]), str(one["content_sha256"]), _count(one["points"]), one["config"]
+            )
             for one in document[MERGED]
         ]
         return [replace(one, config=_joined(common, one.config)) for one in found]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise CatalogError("its configuration does not say what it was merged from") from error
+
+
+def _count(value: object) -> int:
+    if type(value) is not int:
+        raise TypeError
+    return value
 
 
 def united(groups: Iterable[Sequence[Origin]]) -> list[Origin]:

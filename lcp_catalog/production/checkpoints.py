@@ -31,8 +31,8 @@ from typing import IO, Any
 import numpy as np
 
 from ..arrays import AnyArray, Bytes, Index
-from ..atomic_files import lock_file, printable, remove_left, remove_leftovers, write_aside
-from ..errors import AreaFailedError, OutputExistsError
+from ..atomic_files import lock_file, remove_left, remove_leftovers, write_aside
+from ..errors import AreaFailedError, OutputExistsError, printable
 from ..rendering.plan import ScenePlan
 from .code_facts import differences
 from .finished_area import TABLE, FinishedArea, checksums

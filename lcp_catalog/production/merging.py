@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import AnyArray, Index
-from ..atomic_files import check_output, printable
+from ..atomic_files import check_output
 from ..catalog.catalogue import Catalog
 from ..catalog.layout import packing
 from ..catalog.maps import overview_levels, usable_nearby
@@ -29,7 +29,7 @@ from ..catalog.schema import PACKED, levels, usable
 from ..catalog.stored import content_sha256
 from ..catalog.verification import open_catalog
 from ..catalog.writing import new_catalog
-from ..errors import CatalogError, ConfigError
+from ..errors import CatalogError, ConfigError, printable
 from ..geometry.bounds import enclosing_bounds, turned_deg
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select

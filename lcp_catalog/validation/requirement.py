@@ -158,8 +158,8 @@ def _number(value: str, said: str) -> float:
         number = float(value)
     except ValueError:
         number = math.nan
-    if math.isnan(number):
-        raise ConfigError(f"`require`: {value!r} in {said} is not a number; shares are 0..1")
+    if not math.isfinite(number):
+        raise ConfigError(f"`require`: {value!r} in {said} is not a finite number; shares are 0..1")
     return number
 
 
