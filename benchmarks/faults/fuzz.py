@@ -2,7 +2,8 @@
 
     python -m benchmarks.faults fuzz [PARSER...] [--inputs N] [--first SEED]
 
-A parser survives an input if it accepts it or raises an error of the library (`LcpError`) of one line. Other exceptions,
+A parser survives an input if it accepts it or raises an error of the library (`LcpError`) of one line without control
+characters. Other exceptions, accepted numbers that are not finite,
 more than 1 GB of memory, more than 10 s and crashes are failures; they are grouped by the exception and
 its place. The damage depends on the parser and the seed alone.
 """
@@ -13,6 +14,7 @@ import argparse
 import collections
 import contextlib
 import json
+import math
 import random
 import re
 import resource
@@ -93,6 +95,30 @@ def read_build(path: Path) -> None:
     config.points.check_cells(100.0)
     config.to_toml()
     assert min(config.points.spacing_nodes(100.0), config.points.search_nodes(100.0)) >= 1
+
+
+def read_requirement(path: Path) -> None:
+    from lcp_catalog.validation.requirement import Requirement
+
+    terms = Requirement.parse(path.read_bytes().decode("utf-8", "surrogateescape")).terms
+    assert all(math.isfinite(term.value) for term in terms if not isinstance(term.value, str))
+
+
+def read_merged(path: Path) -> None:
+    from lcp_catalog.catalog.origins import merged_config, origins
+    from lcp_catalog.production.config import BuildConfig
+    from lcp_catalog.toml_files import parse_toml
+
+    text = path.read_bytes().decode("utf-8", "replace")
+    parse_toml(text)  # as the checks of a catalogue do
+    found = origins(text)
+    for one in found:
+        config = BuildConfig.from_dict(one.config)
+        for gsd_m in {config.area.gsd_m, 100.0} - {None}:
+            config.points.check_cells(gsd_m)
+            lengths = config.points.least_distance_m(gsd_m), config.points.search_nodes(gsd_m)
+            assert all(map(math.isfinite, lengths))
+    assert origins(merged_config(found)) == found or len(found) == 1
 
 
 def read_facet(path: Path) -> None:
@@ -233,6 +259,28 @@ def builds(folder: Path) -> Iterator[Path]:
     yield folder / "all.toml"
 
 
+def requirements(folder: Path) -> Iterator[Path]:
+    texts = (
+        "share_above_0_9>=0.85 and points_found>=20",
+        "windows.median > 0.5, pose.position_error<=1e3,images.claims.brier<0.1",
+        "verdict==located AND verdict != 'not located'",
+    )
+    for number, text in enumerate(texts):
+        (folder / f"{number}.txt").write_text(text)
+        yield folder / f"{number}.txt"
+
+
+def merged(folder: Path) -> Iterator[Path]:
+    from lcp_catalog.catalog.origins import Origin, merged_config
+    from lcp_catalog.toml_files import parse_toml
+
+    whole = parse_toml((SAMPLE / "hadley.toml").read_text())
+    coarse = whole | {"area": whole["area"] | {"gsd_m": 480.0}}
+    builds = [Origin("a.h5", "0" * 64, 7, whole), Origin("b.h5", "1" * 64, 8, coarse)]
+    (folder / "merged.toml").write_text(merged_config(builds))
+    yield folder / "merged.toml"
+
+
 def facets(folder: Path) -> Iterator[Path]:
     from lcp_catalog.photometry.facet_model import FacetFile, facet_model
 
@@ -283,6 +331,8 @@ PARSERS = {
     "trajectory": Parser(read_way, ways),
     "isd": Parser(read_camera, isds),
     "build": Parser(read_build, builds),
+    "require": Parser(read_requirement, requirements),
+    "merged": Parser(read_merged, merged),
     "facet": Parser(read_facet, facets),
     "goniometer": Parser(read_goniometer, goniometers),
     "albedo": Parser(read_albedo, albedos),
@@ -418,7 +468,7 @@ class DamagedFiles:
         try:
             PARSERS[self.name].read(path)
         except LcpError as error:
-            return f"more than a line: {error!r:.200}" if "\n" in str(error) else None
+            return None if str(error).isprintable() else f"more than a line: {str(error)!r:.200}"
         except TooLongError as error:
             return f"more than {LIMIT_S} s at {_place_of(error)}"
         except Exception as error:  # any other is what is looked for

@@ -456,8 +456,8 @@ class PointConfig:
     def search_nodes(self, gsd_m: float) -> int:
         """Radius, in nodes, within which a point must be unique."""
         if self.search_m is None:
-            return max(self.half, min(SEARCH_NODES, round(SEARCH_MAX_M / gsd_m)))
-        return max(1, round(self.search_m / gsd_m))
+            return max(self.half, round(min(SEARCH_NODES, SEARCH_MAX_M / gsd_m)))
+        return max(1, round(min(self.search_m / gsd_m, 2.0**31)))  # of a cell of 1e-320 m, too
 
     def halo_nodes(self, gsd_m: float) -> int:
         """Width, in nodes, of the margin around a point that its evaluation uses."""
