@@ -16,6 +16,7 @@ from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.json_fields import JsonFields
 from lcp_catalog.catalog.origins import origins
 from lcp_catalog.errors import CameraError, CatalogError, ConfigError
+from lcp_catalog.production.config import PointConfig
 from lcp_catalog.validation.requirement import Requirement
 
 CAMERA = sample_folder() / "AS15-M-0414_camera.json"
@@ -93,3 +94,10 @@ def test_a_field_of_a_camera_model_that_holds_no_numbers(value: object) -> None:
     shape = (2, 1) if value == [[1.0], [False]] else (2,) if isinstance(value, list) else ()
     with pytest.raises(CameraError, match="does not consist of numbers"):
         JsonFields({"a": value}, "x.json").numbers("a", shape)
+
+
+@pytest.mark.parametrize("points", [PointConfig(), PointConfig(search_m=5000.0)])
+def test_cells_of_no_size_worth_the_name(points: PointConfig) -> None:
+    """A merged configuration can state any."""
+    assert points.search_nodes(1e-320) > 0
+    assert PointConfig().search_nodes(474.0) == 17

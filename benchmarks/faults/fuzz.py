@@ -114,7 +114,7 @@ def read_merged(path: Path) -> None:
     found = origins(text)
     for one in found:
         config = BuildConfig.from_dict(one.config)
-        for gsd_m in {config.area.gsd_m, 100.0} - {None}:
+        for gsd_m in (config.area.gsd_m or 100.0, 100.0):
             config.points.check_cells(gsd_m)
             lengths = config.points.least_distance_m(gsd_m), config.points.search_nodes(gsd_m)
             assert all(map(math.isfinite, lengths))
