@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import re
 
 import click
 
@@ -23,9 +22,8 @@ def exit_code_of(error: BaseException) -> int:
         if is_json():
             say(error.format_message(), "error", exit_code=error.exit_code)
         else:
-            object.__setattr__(
-                error, "message", printable(error.message)
-            )  # a file name can hold anything
+            # a file name can hold anything
+            object.__setattr__(error, "message", printable(error.message))
             error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
@@ -43,10 +41,6 @@ def exit_code_of(error: BaseException) -> int:
     return code
 
 
-_NO_ROOM = re.compile("failed to map segment|[Cc]annot allocate memory|Unable to allocate")
-"""What an ImportError says where a library does not fit in memory."""
-
-
 def _one_line(error: BaseException) -> str:
     if isinstance(error, LcpError):
         text = str(error)
@@ -56,7 +50,7 @@ def _one_line(error: BaseException) -> str:
         text = "the working folder no longer exists; change to one that does, and run again"
     elif isinstance(error, OSError):
         text = str(error)
-    elif isinstance(error, MemoryError) or _NO_ROOM.search(str(error)):
+    elif isinstance(error, MemoryError) or "failed to map segment" in str(error):
         text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
     else:
         text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"

@@ -14,7 +14,6 @@ import argparse
 import collections
 import contextlib
 import json
-import math
 import random
 import re
 import resource
@@ -35,7 +34,7 @@ import numpy as np
 
 from benchmarks.places import ROOT, SAMPLE, shared_data
 from lcp_catalog.errors import LcpError
-from tests.helpers import image_files, isd_files, products
+from tests.helpers import image_files, isd_files, merged_texts, products
 
 LABELS = ROOT / "tests" / "data" / "labels"
 LIMIT_BYTES = 1 << 30
@@ -95,30 +94,6 @@ def read_build(path: Path) -> None:
     config.points.check_cells(100.0)
     config.to_toml()
     assert min(config.points.spacing_nodes(100.0), config.points.search_nodes(100.0)) >= 1
-
-
-def read_requirement(path: Path) -> None:
-    from lcp_catalog.validation.requirement import Requirement
-
-    terms = Requirement.parse(path.read_bytes().decode("utf-8", "surrogateescape")).terms
-    assert all(math.isfinite(term.value) for term in terms if not isinstance(term.value, str))
-
-
-def read_merged(path: Path) -> None:
-    from lcp_catalog.catalog.origins import merged_config, origins
-    from lcp_catalog.production.config import BuildConfig
-    from lcp_catalog.toml_files import parse_toml
-
-    text = path.read_bytes().decode("utf-8", "replace")
-    parse_toml(text)  # as the checks of a catalogue do
-    found = origins(text)
-    for one in found:
-        config = BuildConfig.from_dict(one.config)
-        for gsd_m in (config.area.gsd_m or 100.0, 100.0):
-            config.points.check_cells(gsd_m)
-            lengths = config.points.least_distance_m(gsd_m), config.points.search_nodes(gsd_m)
-            assert all(map(math.isfinite, lengths))
-    assert origins(merged_config(found)) == found or len(found) == 1
 
 
 def read_facet(path: Path) -> None:
@@ -259,28 +234,6 @@ def builds(folder: Path) -> Iterator[Path]:
     yield folder / "all.toml"
 
 
-def requirements(folder: Path) -> Iterator[Path]:
-    texts = (
-        "share_above_0_9>=0.85 and points_found>=20",
-        "windows.median > 0.5, pose.position_error<=1e3,images.claims.brier<0.1",
-        "verdict==located AND verdict != 'not located'",
-    )
-    for number, text in enumerate(texts):
-        (folder / f"{number}.txt").write_text(text)
-        yield folder / f"{number}.txt"
-
-
-def merged(folder: Path) -> Iterator[Path]:
-    from lcp_catalog.catalog.origins import Origin, merged_config
-    from lcp_catalog.toml_files import parse_toml
-
-    whole = parse_toml((SAMPLE / "hadley.toml").read_text())
-    coarse = whole | {"area": whole["area"] | {"gsd_m": 480.0}}
-    builds = [Origin("a.h5", "0" * 64, 7, whole), Origin("b.h5", "1" * 64, 8, coarse)]
-    (folder / "merged.toml").write_text(merged_config(builds))
-    yield folder / "merged.toml"
-
-
 def facets(folder: Path) -> Iterator[Path]:
     from lcp_catalog.photometry.facet_model import FacetFile, facet_model
 
@@ -331,8 +284,8 @@ PARSERS = {
     "trajectory": Parser(read_way, ways),
     "isd": Parser(read_camera, isds),
     "build": Parser(read_build, builds),
-    "require": Parser(read_requirement, requirements),
-    "merged": Parser(read_merged, merged),
+    "require": Parser(merged_texts.read_requirement, merged_texts.requirements),
+    "merged": Parser(merged_texts.read_merged, merged_texts.merged),
     "facet": Parser(read_facet, facets),
     "goniometer": Parser(read_goniometer, goniometers),
     "albedo": Parser(read_albedo, albedos),
