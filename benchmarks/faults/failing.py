@@ -277,12 +277,18 @@ class Trial:
             )
         if ended.code < 0 and fault.kind == "malloc":
             return ""
-        if ended.code == 4 and self.words.verdict and fault.kind == "read" and " NOT " in ended.out:
+        if (
+            ended.code == 4
+            and self.words.verdict
+            and fault.kind in ("read", "malloc")
+            and "NOT " in ended.out
+        ):
             return ""
         if ended.code != 1:
             return f"exit {ended.code}: {ended.err[-300:]!r} {ended.out[:300]!r}"
         own = [line for line in ended.err.splitlines() if line and line not in self.ended.err]
-        if len(own) != 1 or "unexpected" in own[0] or not own[0].startswith(("lcp: ", "Error: ")):
+        ugly = any("unexpected" in line for line in own) and fault.kind != "malloc"
+        if len(own) != 1 or ugly or not own[0].startswith(("lcp: ", "Error: ")):
             return f"not one line: {own}"
         return (
             f"it prints {ended.out[:300]!r}"

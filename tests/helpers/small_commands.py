@@ -72,7 +72,7 @@ COMMANDS = {
     "validate": Words("validate patches.h5 frame.png --camera frame.json --dem dem.tif --attitude-sigma 0 -o v"),
     "fit-reflectance": Words("fit-reflectance paint.csv -o paint.toml --chart paint.svg"),
     "query": Words(f"query usable.h5 --camera camera.json -o q.csv {_SUN}"),
-    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv --plot q.svg --json {_SUN}"),
+    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv --camera camera.json --plot q.svg --json {_SUN}"),
     "windows": Words("windows usable.h5 --center 3.5 26 --range 2026-01-27 2026-01-29 12h", again=""),
     "simulate": Words("simulate dem.tif --camera frame.json --sun point --gsd 474 -o f.png"),
     "trade": Words(
