@@ -16,7 +16,6 @@ from helpers.products import DEGREE_M, cylinder, geotiff
 from helpers.synthetic import cratered
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lcp_catalog.terrain.horizons import Nodes
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.view import nadir_view
@@ -39,6 +38,7 @@ from lcp_catalog.production.run import Build
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module
 from lcp_catalog.terrain.area import NodeWindow
+from lcp_catalog.terrain.far_terrain import Nodes
 from lcp_catalog.terrain.surroundings import (
     CELL_SHARE,
     HORIZON_RMS_DEG,
