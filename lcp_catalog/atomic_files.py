@@ -18,7 +18,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from .errors import OutputError, OutputExistsError, printable
+from .errors import OutputError, OutputExistsError, printable, unread
 
 try:
     import fcntl
@@ -345,8 +345,11 @@ def _cell(value: Any) -> Any:
 
 @lru_cache(maxsize=256)
 def _sha256(path: str, _state: tuple[int, ...]) -> str:
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise unread(path, error) from error
 
 
 def depfile_rule(target: Path | str, sources: Iterable[Path | str]) -> bytes:

@@ -10,6 +10,7 @@ import ctypes
 import errno
 import mmap
 import os
+import re
 import select
 import shutil
 import signal
@@ -286,7 +287,8 @@ class Trial:
             return ""
         if ended.code != 1:
             return f"exit {ended.code}: {ended.err[-300:]!r} {ended.out[:300]!r}"
-        own = [line for line in ended.err.splitlines() if line and line not in self.ended.err]
+        told = (line for line in ended.err.splitlines() if not re.search(r": \d+ of \d+, ", line))
+        own = [line for line in told if line and line not in self.ended.err]
         ugly = any("unexpected" in line for line in own) and fault.kind != "malloc"
         if len(own) != 1 or ugly or not own[0].startswith(("lcp: ", "Error: ")):
             return f"not one line: {own}"

@@ -86,7 +86,9 @@ def _doubts(dem: Dem, survey: SampleStatistics) -> Iterator[str]:
 def _line(error: LcpError) -> str:
     """A fault of the file as one line; that the system does not open it is raised. GDAL says so in its text alone."""
     text = " ".join(str(error).split())
-    if any(os.strerror(code) in text for code in (errno.EIO, errno.EMFILE, errno.EACCES)):
+    if any(
+        os.strerror(code) in text for code in (errno.EIO, errno.EMFILE, errno.EACCES, errno.ENOMEM)
+    ):
         raise error
     return text
 
