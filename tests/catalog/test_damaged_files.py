@@ -256,10 +256,12 @@ def test_a_file_that_changes_after_it_was_opened_is_refused(copy: Path) -> None:
 
 
 @pytest.mark.parametrize("what", ["open", "close"])
-def test_a_system_that_fails_is_one_line(
+def test_a_system_that_fails(
     what: str, copy: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """A file that is not opened is not called damaged: nothing is known of it."""
+    """A file that is not opened is not called damaged: nothing is known of it. One that was read and fails to close is as
+    good as before.
+    """
 
     def no_more(*_: object) -> None:
         raise OSError(errno.EMFILE, "Unable to synchronously open file (Too many open files)")
@@ -273,10 +275,14 @@ def test_a_system_that_fails_is_one_line(
         monkeypatch.setattr(h5py, "File", no_more)
     else:
         monkeypatch.setattr(h5py.File, "close", fails)
-    says = "cannot be opened: Too many open files" if what == "open" else "damaged: Can't decrement"
-    with pytest.raises(CatalogError, match=rf"copy\.h5: .*{says}"):
-        open_catalog(copy)
-    assert run(["inspect", str(copy)]) == {"open": 1, "close": 4}[what]
+    if what == "close":
+        assert len(open_catalog(copy).longitude) == 6
+    else:
+        with pytest.raises(
+            CatalogError, match=r"copy\.h5: .*cannot be opened: Too many open files"
+        ):
+            open_catalog(copy)
+    assert run(["inspect", str(copy)]) == {"open": 1, "close": 0}[what]
     assert "NOT INTACT" not in capfd.readouterr().err
 
 

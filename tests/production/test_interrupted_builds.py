@@ -284,5 +284,5 @@ def test_a_file_behind_a_vrt_of_a_vrt_is_an_input(tmp_path: Path) -> None:
         file.write(file.read(1) + 1, 1)
     with pytest.raises(AreaFailedError, match=r"dem\.tif: was changed"):
         plan.inputs.require_unchanged()
-    with pytest.raises(OutputExistsError, match="from a run with another files"):
+    with pytest.raises(OutputExistsError, match="from a run with another content of the files"):
         BuildRun(Build.plan((tmp_path / "two.vrt",), CONFIG), output, resume=True).whole()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.twins_sphere import sampled_coverage
 
-import lcp_catalog.rendering.sphere_pipeline as limb
+import lcp_catalog.rendering.sphere_renderer as limb
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry import sphere_intersection

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.validation.ground_comparison import SIGMA_PER_FWHM
+from lcp_catalog.constants import SIGMA_PER_FWHM
 from lcp_catalog.validation.orthoimage import CoarseGrid, paired, spread
 
 
