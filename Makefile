@@ -34,7 +34,7 @@ check: $(READY) ## lint, format, types
 	$(BIN)/mypy
 
 test-slow: $(READY) ## the long tests, and those of hypothesis with all their examples
-	LCP_ALL_EXAMPLES=1 $(BIN)/python -m pytest -m 'slow or hypothesis'
+	LCP_ALL_EXAMPLES=1 $(BIN)/python -m pytest -m 'slow or hypothesis' -n auto --maxprocesses 4 --dist loadfile
 
 docs: $(READY) ## the documentation as a site, build/site/index.html
 	$(INSTALL) --group docs
