@@ -104,7 +104,7 @@ def test_usable_points_look_like_the_photograph(catalog: Catalog) -> None:
     places = np.random.default_rng(0).integers(HALF, np.array(render.shape) - HALF, (500, 2))
     anywhere = np.array([judged(r, c) for r, c in places])
     anywhere = anywhere[np.isfinite(anywhere)]
-    assert (len(works) >= 100, len(rest) >= 10, len(anywhere) >= 400) == (True,) * 3
+    assert (len(works) >= 100, len(rest) >= 5, len(anywhere) >= 400) == (True,) * 3
     assert (works > 0.7).mean() >= 0.9  # 93 % when this was written
     assert (anywhere > 0.7).mean() <= 0.88  # 86 %: what a random place gives
     assert (rest > 0.7).mean() <= 0.4  # 17 %: what the catalogue calls unusable at this Sun
