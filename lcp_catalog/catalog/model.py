@@ -179,7 +179,7 @@ class CoverageMap:
 @dataclass(frozen=True, eq=False)
 class Promise:
     """How many usable points a camera over any place of the region sees, and why not as many as
-    promised; v views, e elevations and a azimuths of `prediction.SunCells`.
+    promised; v views, e elevations and a azimuths of `sun_cells.SunCells`.
 
     A catalogue that joins cell sizes or regions has the promises of all its builds: q of them, whose places
     stand one promise after the other, and no curve against the number of points.

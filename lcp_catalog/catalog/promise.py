@@ -15,8 +15,8 @@ from ..constants import MOON_RADIUS_M
 from ..geometry.frames import lonlat_to_mcmf
 from .catalogue import Catalog
 from .model import Promise
-from .prediction import SunCells
 from .schema import NO_CELL, Cause
+from .sun_cells import SunCells
 
 WORST = 5
 """Number of worst Suns that are named."""

@@ -1,29 +1,14 @@
 """Writing of catalogue files: HDF5 that is also netCDF-4. Points are written in parts, so that no more
 than a part of them is in memory.
-
-A file on disk that HDF5 writes without seeing an error: it leaves a file that it cannot write open,
-and crashes on it when the interpreter exits.
-
-Rows of datasets that are compressed by threads: HDF5 itself runs its filters in one thread at a time.
-
-Signals that wait: handlers in Python must not raise inside HDF5, which then crashes.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import errno
 import io
-import itertools
-import os
-import signal
-import threading
 import zlib
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -33,16 +18,17 @@ import numpy as np
 from ..arrays import AnyArray, Bytes
 from ..atomic_files import write_aside
 from ..errors import CatalogError
-from ..threads import thread_count
 from .catalogue import Catalog, attributes, group_attributes, values
 from .checks import first_few, lines, part_findings, shape_problems
+from .chunk_writing import ChunkWriter, Deflate
+from .disk_stream import DiskStream
+from .held_signals import HeldSignals
 from .integrity import (
     CONTENT,
     DIGEST_BYTES,
     DIGESTS,
     INTEGRITY,
     TABLE,
-    chunk_digest,
     chunk_grids,
     content_digest,
     digest_table,
@@ -51,269 +37,6 @@ from .layout import CRS, GROUPS, TEXT, Values, grid_mapping, key, variable_attri
 from .maps import coverage_levels, coverage_map
 from .model import Coverage, Promise
 from .schema import Variable
-
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-
-
-class HeldSignals:
-    """A context in which SIGINT, SIGTERM and SIGHUP wait for `release` or its end; only in the main
-    thread, which alone gets them.
-    """
-
-    def __init__(self) -> None:
-        self._handlers: dict[int, Callable[[int, Any], Any]] = {}
-        self._held: list[int] = []
-
-    def __enter__(self) -> HeldSignals:
-        self._hold_all()
-        return self
-
-    def _hold_all(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for name in _SIGNALS:
-                number = getattr(signal, name, None)  # Windows has no SIGHUP
-                handler = None if number is None else signal.getsignal(number)
-                if number is not None and callable(handler):
-                    self._handlers[number] = handler
-                    signal.signal(number, self._hold)
-
-    def __exit__(self, *_: object) -> None:
-        self._hold_none()
-
-    @contextmanager
-    def let_through(self) -> Iterator[None]:
-        """A context within this one in which signals are handled at once: for long work without HDF5."""
-        self._hold_none()
-        try:
-            yield
-        finally:
-            self._hold_all()
-
-    def _hold_none(self) -> None:
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
-        self.release()
-
-    def release(self) -> None:
-        """Handle the signals that have come."""
-        while self._held:
-            number = self._held.pop(0)
-            self._handlers[number](number, None)
-
-    def _hold(self, number: int, _frame: Any) -> None:
-        self._held.append(number)
-
-
-_WAITING_BYTES = 2**25
-"""Most bytes of chunks that are compressed, or wait for it, at a time."""
-
-
-@dataclass(frozen=True)
-class Deflate:
-    """How zlib compresses."""
-
-    level: int
-    strategy: int = zlib.Z_DEFAULT_STRATEGY
-
-
-_Chunk = tuple[h5py.Dataset, tuple[int, ...], int, "Future[tuple[bytes, bytes]]"]
-
-
-class ChunkWriter:
-    """Writes rows of chunked datasets that have the filters shuffle, deflate and Fletcher32, in this
-    order, as HDF5 would. The order of what is written does not depend
-    on the number of threads.
-
-    ``check``: called after each chunk that was written. ``digests``: of the chunks that were written
-    (`integrity.chunk_digest`), by the dataset's path and the chunk's offset.
-    """
-
-    def __init__(self, check: Callable[[], None]) -> None:
-        self._check = check
-        self.digests: dict[str, dict[tuple[int, ...], bytes]] = {}
-        self._pool = ThreadPoolExecutor(thread_count(), "compression")
-        self._chunks: deque[_Chunk] = deque()
-        self._waiting = 0  # bytes of their content
-        self._started: dict[str, tuple[int, AnyArray]] = {}  # first row, rows of a chunk
-
-    def add(self, dataset: h5py.Dataset, rows: AnyArray, deflate: Deflate) -> None:
-        """The next rows of a dataset, from its first one on, in its type. Each chunk is written when
-        all of its rows are there, or all of the dataset's.
-        """
-        name = str(dataset.name)[1:]
-        self.digests.setdefault(name, {})
-        first, before = self._started.pop(name, (0, rows[:0]))
-        if len(before):
-            rows = np.concatenate([before, rows])
-        height, end = dataset.chunks[0], first + len(rows)
-        while first < end and (first + height <= end or end == len(dataset)):
-            for offset, chunk in _chunk_offsets(dataset, first, rows[:height]):
-                self._compress(dataset, offset, chunk, deflate)
-            rows, first = rows[height:], min(first + height, end)
-        if first < len(dataset):
-            self._started[name] = first, rows.copy()
-
-    def _compress(
-        self, dataset: h5py.Dataset, offset: tuple[int, ...], chunk: AnyArray, deflate: Deflate
-    ) -> None:
-        while self._waiting > _WAITING_BYTES:
-            self._write()
-        work = self._pool.submit(_with_digest, chunk, dataset.chunks, deflate)
-        self._chunks.append((dataset, offset, chunk.nbytes, work))
-        self._waiting += chunk.nbytes
-        while self._chunks and self._chunks[0][3].done():
-            self._write()
-
-    def _write(self) -> None:
-        dataset, offset, size, work = self._chunks.popleft()
-        self._waiting -= size
-        stored, digest = work.result()
-        dataset.id.write_direct_chunk(offset, stored)
-        self.digests[str(dataset.name)[1:]][offset] = digest
-        self._check()
-
-    def finish(self) -> None:
-        """Write what is left. All rows of the datasets must have been added."""
-        while self._chunks:
-            self._write()
-
-    def close(self) -> None:
-        """End the threads; what is not written is lost."""
-        self._pool.shutdown(cancel_futures=True)
-
-
-def _chunk_offsets(
-    dataset: h5py.Dataset, first: int, rows: AnyArray
-) -> Iterator[tuple[tuple[int, ...], AnyArray]]:
-    """The chunks of a row of chunks, from their content in ``rows``: offset and content."""
-    sides = dataset.chunks[1:]
-    starts = [range(0, length, side) for length, side in zip(rows.shape[1:], sides, strict=True)]
-    for start in itertools.product(*starts):
-        part = tuple(slice(k, k + side) for k, side in zip(start, sides, strict=True))
-        yield (first, *start), rows[(slice(None), *part)]
-
-
-def _with_digest(chunk: AnyArray, shape: tuple[int, ...], deflate: Deflate) -> tuple[bytes, bytes]:
-    """The stored bytes of a chunk, and their digest."""
-    stored = compressed(chunk, shape, deflate)
-    return stored, chunk_digest(stored)
-
-
-def compressed(chunk: AnyArray, shape: tuple[int, ...], deflate: Deflate) -> bytes:
-    """The stored bytes of a chunk of this shape: shuffled, compressed (RFC 1950), with the checksum.
-    What ``chunk`` lacks at the edge of its dataset is 0.
-    """
-    if chunk.shape != shape:
-        whole = np.zeros(shape, chunk.dtype)
-        whole[tuple(slice(length) for length in chunk.shape)] = chunk
-        chunk = whole
-    content = np.ascontiguousarray(chunk).reshape(-1).view(np.uint8)
-    shuffled = np.ascontiguousarray(content.reshape(-1, chunk.dtype.itemsize).T)
-    stream = zlib.compressobj(deflate.level, strategy=deflate.strategy)
-    data = stream.compress(shuffled.data) + stream.flush()
-    return data + fletcher32(data).to_bytes(4, "little")
-
-
-def fletcher32(data: bytes) -> int:
-    """Fletcher's checksum as HDF5 has it (`H5_checksum_fletcher32`): of big-endian words of 16 bits,
-    modulo 65535, where a sum that is not zero by its words is 65535 instead of 0.
-    """
-    if len(data) % 2:
-        data += b"\0"
-    words = np.frombuffer(data, ">u2").astype(np.int64)
-    if not words.any():
-        return 0
-    first = int(words.sum()) % 65535 or 65535
-    second = int(words @ np.arange(len(words), 0, -1)) % 65535 or 65535
-    return second << 16 | first
-
-
-class DiskStream(io.RawIOBase):
-    """An existing file, read and written. The first error of the system is kept for `check`; from then
-    on what is written is kept in memory. HDF5 then closes its file in order, and the writer, which
-    checks after every part, gives it little more to write.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        self._place = self._end = 0
-        self._error: OSError | None = None
-        self._unwritten: list[tuple[int, bytes]] = []  # in the order of writing: the last counts
-
-    def check(self) -> None:
-        """Raise the error that was met, if any."""
-        if self._error is not None:
-            raise self._error
-
-    def sync(self) -> None:
-        """Have everything on the disk, or raise what prevents it."""
-        self._try(lambda: os.fsync(self._file))
-        self.check()
-
-    def tell(self) -> int:
-        return self._place
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
-        start = {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._end}[whence]
-        self._place = start + offset
-        return self._place
-
-    def truncate(self, size: int | None = None, /) -> int:
-        self._end = self._place if size is None else size
-        self._try(lambda: os.ftruncate(self._file, self._end))
-        return self._end
-
-    def write(self, data: Any, /) -> int:
-        part, start = memoryview(data).cast("B"), self._place
-        self._place += part.nbytes
-        self._end = max(self._end, self._place)
-        self._try(lambda: _write_all(self._file, part, start))
-        if self._error is not None:
-            self._unwritten.append((start, bytes(part)))
-        return part.nbytes
-
-    def readinto(self, buffer: Any, /) -> int:
-        whole, start = memoryview(buffer).cast("B"), self._place
-        whole[:] = bytes(whole.nbytes)
-        self._place += whole.nbytes
-        try:  # also after an error: HDF5 may loop on records that it does not find again
-            _read_all(self._file, whole, start)
-        except OSError as error:
-            self._error = self._error or error
-        for place, data in self._unwritten:
-            first, last = max(place, start), min(place + len(data), start + whole.nbytes)
-            if first < last:
-                whole[first - start : last - start] = data[first - place : last - place]
-        return whole.nbytes
-
-    def close(self) -> None:
-        if not self.closed:
-            super().close()
-            os.close(self._file)
-
-    def _try(self, action: Callable[[], None]) -> None:
-        if self._error is None:
-            try:
-                action()
-            except OSError as error:
-                self._error = error
-
-
-def _write_all(file: int, part: memoryview, start: int) -> None:
-    done = 0
-    while done < part.nbytes:
-        some = os.pwrite(file, part[done:], start + done)
-        if not some:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        done += some
-
-
-def _read_all(file: int, whole: memoryview, start: int) -> None:
-    """Fill the buffer; behind the end of the file it stays as it is."""
-    done = 0
-    while some := os.preadv(file, [whole[done:]], start + done):
-        done += some
-
 
 _CHUNK_BYTES = 2**18
 

@@ -3,7 +3,7 @@ candidate than at the place.
 
 Cells of a Sun grid are cut into parts. A part in which the Sun can stand at a place is a box of elevation and
 azimuth; turned into the frame of a candidate it overlaps some cells, in all of which the candidate must
-be usable. ``grid``: elevations and azimuths in degrees, and the numbers of the next ones (`prediction.SunCells`);
+be usable. ``grid``: elevations and azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`);
 cell (i, j) has the number i a + j.
 """
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.layout import axis_direction, packing, sigma_step_m
-from ..catalog.prediction import SunCells
 from ..catalog.schema import (
     EVALUATED,
     FIGURES,
@@ -30,6 +29,7 @@ from ..catalog.schema import (
     VARIABLES,
     Cause,
 )
+from ..catalog.sun_cells import SunCells
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig

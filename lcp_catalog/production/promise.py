@@ -14,8 +14,8 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Int16, Mask
 from ..catalog.model import Promise
-from ..catalog.prediction import SunCells
 from ..catalog.schema import NO_CELL, Cause
+from ..catalog.sun_cells import SunCells
 from ..constants import MOON_RADIUS_M, SUBSOLAR_LATITUDE_MAX_DEG
 from ..ephemeris.solar_position import reachable_suns
 from ..errors import ConfigError

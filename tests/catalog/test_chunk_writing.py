@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from lcp_catalog.catalog.writing import ChunkWriter, Deflate, compressed, fletcher32
+from lcp_catalog.catalog.chunk_writing import ChunkWriter, Deflate, compressed, fletcher32
 
 SHAPES = {  # dataset, chunk, type
     "numbers": ((1000,), (300,), "<f8"),
@@ -40,7 +40,7 @@ def _dataset(
 def test_hdf5_reads_rows_that_come_in_parts(
     name: str, waiting: int, deflate: Deflate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lcp_catalog.catalog.writing._WAITING_BYTES", waiting)
+    monkeypatch.setattr("lcp_catalog.catalog.chunk_writing._WAITING_BYTES", waiting)
     shape, chunk, kind = SHAPES[name]
     values, rng = _content(shape, kind, 3), np.random.default_rng(5)
     stream, checks = io.BytesIO(), []
@@ -94,7 +94,7 @@ def test_checksum_is_that_of_hdf5(data: bytes) -> None:
 def test_threads_do_not_change_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
     values, files = _content((5000, 8), "<f4", 6), []
     for threads in (1, 7):
-        monkeypatch.setattr("lcp_catalog.catalog.writing.thread_count", lambda n=threads: n)
+        monkeypatch.setattr("lcp_catalog.catalog.chunk_writing.thread_count", lambda n=threads: n)
         stream = io.BytesIO()
         with h5py.File(stream, "w", libver=("earliest", "v110")) as file:
             writer = ChunkWriter(lambda: None)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from lcp_catalog.catalog import writing
-from lcp_catalog.catalog.writing import DiskStream
+from lcp_catalog.catalog import disk_stream
+from lcp_catalog.catalog.disk_stream import DiskStream
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -32,7 +32,7 @@ def test_a_full_disk_keeps_what_was_written(
         room -= some
         return write(file, data[:some], place)
 
-    monkeypatch.setattr(writing.os, "pwrite", limited)
+    monkeypatch.setattr(disk_stream.os, "pwrite", limited)
     (tmp_path / "file").touch()
     twin = io.BytesIO()
     with DiskStream(tmp_path / "file") as stream:
@@ -53,7 +53,7 @@ def test_a_full_disk_keeps_what_was_written(
 
 
 def test_a_disk_that_takes_nothing_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(writing.os, "pwrite", lambda *_: 0)
+    monkeypatch.setattr(disk_stream.os, "pwrite", lambda *_: 0)
     (tmp_path / "file").touch()
     with DiskStream(tmp_path / "file") as stream:
         stream.write(b"x")

@@ -14,7 +14,8 @@ from helpers import catalogs
 
 from lcp_catalog.catalog import catalogue
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.catalog.writing import HeldSignals, new_catalog
+from lcp_catalog.catalog.held_signals import HeldSignals
+from lcp_catalog.catalog.writing import new_catalog
 
 
 def send_soon(sent: list[float]) -> None:

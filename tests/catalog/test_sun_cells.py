@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcp_catalog.catalog.prediction import BETWEEN_MARGIN, BEYOND_MARGIN, SunCells
+from lcp_catalog.catalog.prediction import BETWEEN_MARGIN, BEYOND_MARGIN
+from lcp_catalog.catalog.sun_cells import SunCells
 from lcp_catalog.ephemeris.solar_position import reachable_suns
 
 ELEVATIONS, AZIMUTHS = np.array([5.0, 10.0, 15.0, 20.0, 30.0, 45.0]), np.arange(0.0, 360.0, 15.0)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from helpers import catalogs
 
-from lcp_catalog.catalog import catalogue, writing
+from lcp_catalog.catalog import catalogue, disk_stream
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.layout import GROUPS
 from lcp_catalog.catalog.verification import open_catalog, verify
@@ -87,9 +87,9 @@ def test_a_disk_that_is_full_leaves_nothing(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patch:
-        patch.setattr(writing.os, "pwrite", limited(os.pwrite))
+        patch.setattr(disk_stream.os, "pwrite", limited(os.pwrite))
         if room < 0:
-            patch.setattr(writing.os, "fsync", full)
+            patch.setattr(disk_stream.os, "fsync", full)
         with pytest.raises(OutputError, match=r"c\.h5: the disk is full"):
             write_catalog(found, path)
     assert list(tmp_path.iterdir()) == []
@@ -110,7 +110,7 @@ def test_a_signal_while_hdf5_writes_is_an_interrupt(
 
     write = os.pwrite
     with monkeypatch.context() as patch:
-        patch.setattr(writing.os, "pwrite", interrupted)
+        patch.setattr(disk_stream.os, "pwrite", interrupted)
         with pytest.raises(KeyboardInterrupt):
             write_catalog(found, path)
     assert list(tmp_path.iterdir()) == []

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.arrays import Array, Index, Mask
-from lcp_catalog.catalog.prediction import SunCells
+from lcp_catalog.catalog.sun_cells import SunCells
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.ephemeris.solar_position import reachable_suns
 from lcp_catalog.landmarks.selection import Cover, Nearby, Places
