@@ -15,6 +15,7 @@ from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from .catalogue import Catalog
+from .relief_signal import directions, log_height, log_signal, probability_at
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
 
 VIEW_REACH_DEG = 20.0
@@ -114,11 +115,12 @@ def predict(
     several altitudes, weights are linear in one over the altitude, to which the effects of
     perspective are proportional; beyond the lowest and the highest those of the nearest hold, and
     an altitude without a view in reach of the direction leaves its weight to the other. Only evaluated conditions count,
-    and at least half of the weight must be theirs. Probabilities are averaged as logits, ellipses as
-    logarithms of their covariance matrices (log-Euclidean mean: Arsigny et al. 2006, SIAM J.
-    Matrix Anal. Appl. 29, 328). A pixel below the cell counts as the cell: the image is reduced to
-    it. No claim: Suns more than half a step outside the grid, views more than 20 deg from the
-    catalogue's, pixels above the coarsest scale, and a Sun or camera below the horizon.
+    and at least half of the weight must be theirs. Probabilities are averaged as heights of the peak over
+    how clearly relief shows (`relief_signal`), ellipses as logarithms of their covariance matrices
+    (log-Euclidean mean: Arsigny et al. 2006, SIAM J. Matrix Anal. Appl. 29, 328) with sigmas times the
+    same. A pixel below the cell counts as the cell: the image is reduced to it. No claim: Suns more
+    than half a step outside the grid, views more than 20 deg from the catalogue's, pixels above the
+    coarsest scale, and a Sun or camera below the horizon.
 
     ``usable``: the mean probability is at least `Catalog.min_detection` by the margins
     `BETWEEN_MARGIN` and `BEYOND_MARGIN`, conditions with at least `FREE_SHARE` of the weight are
@@ -141,7 +143,10 @@ def predict(
     inside = np.flatnonzero(~(scale | at_view | elevation | azimuth))
     found = _none(len(rows))
     if len(inside):
-        for name, values in vars(_interpolated(catalog, rows[inside], axes, inside)).items():
+        signal = _log_signal(catalog, sun[inside], view[inside])
+        for name, values in vars(
+            _interpolated(catalog, rows[inside], axes, inside, signal)
+        ).items():
             getattr(found, name)[inside] = values
     dark = elevation | azimuth | ~_between_elevations(catalog, sun)
     outside = zip(("scale", "view", "sun"), (scale, at_view, dark), strict=True)
@@ -171,10 +176,10 @@ def _none(count: int) -> Prediction:
 
 
 def _interpolated(
-    catalog: Catalog, rows: Index, axes: tuple[_Weights, ...], which: Index
+    catalog: Catalog, rows: Index, axes: tuple[_Weights, ...], which: Index, signal: Array
 ) -> Prediction:
     """Weighted means over all combinations of the neighbours along the axes, of which ``which`` (n,)
-    are those of the points ``rows`` (n,).
+    are those of the points ``rows`` (n,); ``signal`` (n,): how clearly relief shows there.
     """
     index, weight = _combined(tuple(axis.some(which) for axis in axes))
     flags = catalog.at("condition", rows, index[1:])
@@ -184,7 +189,8 @@ def _interpolated(
     whole = weight.sum(axis=1)
     weight = np.where(known, weight, 0.0)
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
-    mean_logit = _mean_logit(probability, weight)
+    gain = signal - _mean(_grid_signal(catalog, index), weight)
+    mean_logit = _mean_logit(probability, weight, gain)
     free = UNSHADOWED | UNOCCLUDED
     clear, unshadowed, unoccluded = (
         np.where((flags & wanted) == wanted, weight, 0.0).sum(axis=1)
@@ -201,7 +207,7 @@ def _interpolated(
     dependent = np.where(unshadowed <= unoccluded, shadow, occlusion)
     cause = np.select([~enough, ~independent, ~likely], [none, dependent, unlikely])
     ellipse = _mean_ellipse(
-        given["sigma_major"], given["sigma_minor"], given["sigma_angle"], weight
+        given["sigma_major"], given["sigma_minor"], given["sigma_angle"], weight, gain
     )
     columns = (np.where(enough, values, np.nan) for values in (_logistic(mean_logit), *ellipse))
     probability, major, minor, angle = columns
@@ -227,22 +233,45 @@ def _logistic(logit: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))
 
 
-def _mean_logit(probability: Array, weight: Array) -> Array:
-    """Weighted mean of logits, (n,); probabilities are kept half a step of their storage from 0 and
+def _log_signal(catalog: Catalog, sun: Array, view: Array) -> Array:
+    """`relief_signal.log_signal` under the catalogue's error model."""
+    model = catalog.errors
+    slope = float(model.get("height_sigma_m", 0.0)) / float(model.get("height_length_m", 1.0))
+    return log_signal(sun, view, float(model.get("albedo_sigma", 0.0)), slope)
+
+
+def _grid_signal(catalog: Catalog, index: list[Index]) -> Array:
+    """The same (n, m) in the evaluated conditions with given indices along the axes."""
+    _, at_view, at_elevation, at_azimuth = index
+    suns = directions(catalog.sun_elevation[:, None], catalog.sun_azimuth)
+    views = directions(90.0 - catalog.view_off_nadir, catalog.view_azimuth)
+    table = _log_signal(catalog, suns, views[:, None, None])
+    return np.asarray(table[at_view, at_elevation, at_azimuth])
+
+
+def _mean(values: Array, weight: Array) -> Array:
+    """Weighted mean (n,); NaN without weight."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray((values * weight).sum(axis=1) / weight.sum(axis=1))
+
+
+def _mean_logit(probability: Array, weight: Array, gain: Array) -> Array:
+    """Logit (n,) of the mean probability in which relief shows exp(``gain``) times as clearly as in the
+    mean of the evaluated conditions; probabilities are kept half a step of their storage from 0 and
     1. NaN without weight.
     """
     half = DETECTION_STEP / 2.0
     p = np.clip(np.nan_to_num(probability), half, 1.0 - half)
-    total = weight.sum(axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray((np.log(p / (1.0 - p)) * weight).sum(axis=1) / total)
+    found = np.clip(probability_at(_mean(log_height(p), weight) + gain), half, 1.0 - half)
+    return np.asarray(np.log(found / (1.0 - found)))
 
 
 def _mean_ellipse(
-    major: Array, minor: Array, angle_deg: Array, weight: Array
+    major: Array, minor: Array, angle_deg: Array, weight: Array, gain: Array
 ) -> tuple[Array, Array, Array]:
     """Log-Euclidean mean of error ellipses, (n,) each: the logarithm of a covariance matrix with
-    axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear.
+    axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear. Sigmas are
+    inversely proportional to how clearly relief shows (``gain``: as in `_mean_logit`).
     """
     weight = np.where(np.isfinite(major) & np.isfinite(angle_deg), weight, 0.0)
     tiny = np.finfo(np.float32).tiny
@@ -252,6 +281,7 @@ def _mean_ellipse(
     terms = ((log_a + log_b) / 2.0, half_gap * np.cos(double), half_gap * np.sin(double))
     with np.errstate(invalid="ignore", divide="ignore"):
         size, cosine, sine = ((t * weight).sum(axis=1) / weight.sum(axis=1) for t in terms)
+    size = size - gain
     gap = np.hypot(cosine, sine)
     return (
         np.exp(size + gap),

@@ -22,7 +22,7 @@ from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import find_backwards
 from ..landmarks.corners import fill_missing
 from ..landmarks.correlation import moments
-from ..landmarks.detection import LEAST_CORRELATION, mistake_probability
+from ..landmarks.detection import AMBIGUOUS, LEAST_CORRELATION, mistake_probability
 from ..landmarks.patches import POINT_SPREAD_PX, halved
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -139,7 +139,7 @@ class Criteria:
 
     psf_sigma_px: float = POINT_SPREAD_PX
     min_correlation: float = LEAST_CORRELATION
-    max_false_match: float = 0.2  # probability that the second peak is the true one
+    max_false_match: float = AMBIGUOUS  # probability that the second peak is the true one
     prior: float | None = None
     min_lit_share: float = 0.3
     min_contrast: float = 0.005  # standard deviation of the render, as a share of its mean

@@ -21,7 +21,13 @@ from ..arrays import AnyArray, Array, Bytes, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import fill_missing
-from ..landmarks.detection import detection_probability, least_rival, top_probability
+from ..landmarks.detection import (
+    clearance,
+    detection_probability,
+    least_rival,
+    settling_probability,
+    top_probability,
+)
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import Registration, harris_response, light_of, registration
 from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
@@ -513,6 +519,9 @@ class _Chances(NamedTuple):
     second_peak: Array
 
 
+_CLEARANCE = clearance()
+
+
 def _chances(
     match: Registration,
     images: SearchImages,
@@ -527,15 +536,23 @@ def _chances(
     items = patches.items
     others = other_places(
         images, patches.alone, items.rows, items.cols, search, items.which,
-        least_rival(match, match.own), exact=exact,
+        least_rival(match, match.own, _CLEARANCE), exact=exact,
     )  # fmt: skip
     unit = patches.level[:, None]
     detection, located, unique = detection_probability(
-        match, others.correlation, others.contrast / unit, match.own, third_from=false_match
+        match,
+        others.correlation,
+        others.contrast / unit,
+        match.own,
+        third_from=false_match,
+        clear_by=_CLEARANCE,
     )
     on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
     return _Chances(
-        detection * on_top, located, 1.0 - unique * on_top, np.fmax(others.correlation[:, 0], -1.0)
+        detection * on_top * settling_probability(match),
+        located,
+        1.0 - unique * on_top,
+        np.fmax(others.correlation[:, 0], -1.0),
     )
 
 

@@ -160,18 +160,25 @@ def plain_probability(
 
 
 def probability_among(
-    patch: Array, sigma: float, length: float, rho: Array, contrast: Array, least: float = -1.0
+    patch: Array,
+    sigma: float,
+    length: float,
+    rho: Array,
+    contrast: Array,
+    least: float = -1.0,
+    clear_by: float = 0.0,
 ) -> float:
     """P = integral over x >= least of N(x; e_0, v_0) prod_k Phi((x - e_k) / sqrt(v_k)), with the correlations and contrasts (k,)
     of the rivals without noise: e = rho c / sqrt(c^2 + s^2), v = V / N / (c^2 + s^2) (1 - e^2), s^2 the variance of the noise
-    within a window.
+    within a window. The rivals must be exceeded by ``clear_by`` joint sigmas.
     """
     scores = _Scores.of(patch, sigma, length)
     e = scores.expected(np.append(1.0, rho), np.append(patch.std(), contrast))
     power = scores.nodes * (np.append(patch.std(), contrast) ** 2 + scores.within)
     spread = np.sqrt(scores.variance / power * (1.0 - e**2))
     x = e[0] + spread[0] * _STEPS
-    logs = log_ndtr((x[:, None] - e[1:]) / spread[1:]).sum(axis=1)
+    needed = e[1:] + clear_by * np.hypot(spread[0], spread[1:])
+    logs = log_ndtr((x[:, None] - needed) / spread[1:]).sum(axis=1)
     return _integral(np.where(x >= least, np.exp(logs), 0.0))
 
 

@@ -17,8 +17,15 @@ from helpers.twins_detection import (
 )
 from scipy.ndimage import map_coordinates, spline_filter
 from scipy.optimize import least_squares
+from scipy.stats import norm
 
-from lcp_catalog.landmarks.detection import detection_probability, top_probability
+from lcp_catalog.landmarks.detection import (
+    clearance,
+    detection_probability,
+    mistake_probability,
+    settling_probability,
+    top_probability,
+)
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import registration
 from lcp_catalog.landmarks.uniqueness import RING, other_places
@@ -70,10 +77,63 @@ def test_probability_among_given_rivals(seed, length):
     for level in (0.05, 0.3, 1.0):
         rho, contrast = dice.uniform(-0.2, 0.9, 9), dice.uniform(0.02, 0.4, 9)
         match = replace(library(place.patch, level, length), shift_loss=np.zeros(1))
-        for least in (-1.0, 0.3):
-            found = detection_probability(match, rho[None], contrast[None], 1.0, least)[0][0]
-            said = probability_among(place.patch, level, length, rho, contrast, least)
+        for least, clear in ((-1.0, 0.0), (0.3, 0.0), (0.3, clearance())):
+            found = detection_probability(
+                match, rho[None], contrast[None], 1.0, least, clear_by=clear
+            )[0][0]
+            said = probability_among(place.patch, level, length, rho, contrast, least, clear)
             assert found == pytest.approx(said, abs=0.01)
+
+
+def test_clearance_is_what_the_search_asks():
+    """Two correlations that far apart are the limit of `mistake_probability` that a search accepts."""
+    assert clearance() == pytest.approx(norm.ppf(0.8), abs=1e-12)
+    assert clearance(0.9) == 0.0  # Bayes: 0.2 x 0.9 above 0.8 x 0.1
+    dice = np.random.default_rng(3)
+    template = noise_field(dice, 17, 2.0)[None].astype(np.float32)
+    mask = np.ones((1, 17, 17), bool)
+    for prior in (0.3, 0.5, 0.7):
+        seconds = np.linspace(0.2, 0.6, 4001)
+        many = (np.repeat(a, len(seconds), axis=0) for a in (template, mask))
+        wrong = mistake_probability(
+            np.full(seconds.shape, 0.6), seconds, *many, np.full(seconds.shape, 0.5), prior
+        )
+        at = np.searchsorted(wrong, 0.2)
+        right = 1.0 - norm.cdf(clearance(prior))
+        assert right * (1 - prior) / (right * (1 - prior) + (1 - right) * prior) == pytest.approx(
+            0.2
+        )
+        assert 0 < at < len(seconds)
+
+
+def test_a_search_that_refuses_ambiguous_places():
+    """The share of 200 000 draws of normal correlations in which the true place exceeds all others clearly enough."""
+    place, dice = around(2), np.random.default_rng(5)
+    rho, contrast = np.array([0.7, 0.5, 0.4]), np.array([0.3, 0.2, 0.2])
+    match = replace(library(place.patch, 0.3, 1.5), shift_loss=np.zeros(1))
+    given = (match.contrast[0], contrast), (1.0, rho)
+    (own, others), (own_rho, others_rho) = given
+    size = np.append(own, others) ** 2 + match.noise_variance[0]
+    mean = np.append(own_rho, others_rho) * np.append(own, others) / np.sqrt(size)
+    variance = match.along[0] / match.nodes / size * (1.0 - mean**2)
+    draws = mean + np.sqrt(variance) * dice.normal(size=(200_000, 4))
+    needed = draws[:, 1:] + 0.8416 * np.sqrt(variance[0] + variance[1:])
+    share = np.mean((draws[:, :1] > needed).all(axis=1) & (draws[:, 0] > 0.3))
+    found = detection_probability(match, rho[None], contrast[None], clear_by=clearance())
+    assert 0.1 < share < 0.9
+    assert found[0][0] == pytest.approx(share, abs=0.01)
+    plain = detection_probability(match, rho[None], contrast[None])
+    np.testing.assert_allclose(
+        found[2], plain[2], atol=1e-6
+    )  # whatever is asked, the highest is the highest
+
+
+def test_broad_peaks_lose_fits():
+    match = library(around(1).patch, 0.3, 1.5)
+    for sigma, kept in ((0.2, 1.0), (0.55, 0.925), (1.0, 0.79), (9.0, 0.0), (np.inf, 0.0)):
+        covariance = np.diag([sigma**2, 0.01])[None]
+        found = settling_probability(replace(match, covariance_px2=covariance))
+        assert found[0] == pytest.approx(kept, abs=1e-9)
 
 
 @pytest.mark.parametrize("length", [0.0, 1.5, 4.0])

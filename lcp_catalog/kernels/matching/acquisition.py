@@ -115,6 +115,13 @@ def _near(mean, sigma, means, variances, count, firsts, steps):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _raise(means, variances, count, variance, rise):
+    """Add ``rise`` joint sigmas of a variable with a variance and of ``count`` rivals to the rivals' means."""
+    for j in range(count):
+        means[j] += rise * math.sqrt(variance + variances[j])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _highest(mean, sigma, firsts, steps, near, least, at, weights):
     """Three probabilities: that a normal variable is above ``least`` and above all its ``near``
     independent rivals (firsts, steps: `_near`); that it is above ``least``; that it is above all its
@@ -136,7 +143,7 @@ def _highest(mean, sigma, firsts, steps, near, least, at, weights):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _acquire(
-    contrast, noise, along, rho, nodes, given, factors, weights, least, third_from, work, out
+    contrast, noise, along, rho, nodes, given, factors, weights, least, rise, third_from, work, out
 ):
     """The probabilities of `acquisition` of a patch with ``given`` rivals into out (3,)."""
     signals, powers, means, variances, firsts, steps, at, parts, third = work
@@ -150,13 +157,14 @@ def _acquire(
             mean, variance = moments(contrast, rho, scale * noise, scale * along, nodes)
             sigma, share = math.sqrt(variance), scale * along / nodes
             _moments_of_all(signals, powers, scale * noise, share, given, means, variances)
+            if rise > 0.0 and not again:
+                _raise(means, variances, given, variance, rise)
             near = _near(mean, sigma, means, variances, given, firsts, steps)
             if again:
                 third[m] = min(_integral(_WHOLE, _WHOLE_WEIGHTS, firsts, steps, near), 1.0)
             else:
-                found, above, third[m] = _highest(
-                    mean, sigma, firsts, steps, near, least, at, parts
-                )
+                found, above, whole = _highest(mean, sigma, firsts, steps, near, least, at, parts)
+                third[m] = whole if rise == 0.0 or near == 0 else math.nan
                 out[0] += weights[m] * found
                 out[1] += weights[m] * above
     for m in range(factors.size):
@@ -165,7 +173,7 @@ def _acquire(
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def acquisition(
-    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least,
+    contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least, rise,
     third_from, out,
 ):  # fmt: skip
     """Write the three probabilities of `_highest` for n patches into out (n, 3), as means over the
@@ -174,7 +182,8 @@ def acquisition(
     contrast, noise, along, rho (n,): the patch's contrast, the variance of the noise about its mean,
     V, and the noise-free correlation at the true place. rivals (n, k) noise-free correlations and
     contrasts of other places, NaN where there are fewer. factors, weights (m,): of the noise's sigma
-    at places. The third may be NaN where the first is below ``third_from``. All 0 for a patch without
+    at places. For the first the rivals' means are ``rise`` joint sigmas higher. The third may be NaN where the
+    first is below ``third_from``. All 0 for a patch without
     contrast or with an infinite V.
     """
     many, parts = rivals.shape[1], min(contrast.size, _PARTS)
@@ -191,7 +200,7 @@ def acquisition(
                 given = _given(rivals[i], rival_contrast[i], signals, powers)
                 _acquire(
                     contrast[i], noise[i], along[i], rho[i], nodes, given, factors, weights,
-                    least, third_from, work, out[i],
+                    least, rise, third_from, work, out[i],
                 )  # fmt: skip
 
 
