@@ -15,7 +15,7 @@ from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from .catalogue import Catalog
-from .relief_signal import directions, log_height, log_signal, probability_at
+from .relief_signal import directions, log_signal, peak_height, probability_at
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
 
 VIEW_REACH_DEG = 20.0
@@ -189,7 +189,7 @@ def _interpolated(
     whole = weight.sum(axis=1)
     weight = np.where(known, weight, 0.0)
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
-    gain = signal - _mean(_grid_signal(catalog, index), weight)
+    gain = signal[:, None] - _grid_signal(catalog, index)
     mean_logit = _mean_logit(probability, weight, gain)
     free = UNSHADOWED | UNOCCLUDED
     clear, unshadowed, unoccluded = (
@@ -207,7 +207,11 @@ def _interpolated(
     dependent = np.where(unshadowed <= unoccluded, shadow, occlusion)
     cause = np.select([~enough, ~independent, ~likely], [none, dependent, unlikely])
     ellipse = _mean_ellipse(
-        given["sigma_major"], given["sigma_minor"], given["sigma_angle"], weight, gain
+        given["sigma_major"],
+        given["sigma_minor"],
+        given["sigma_angle"],
+        weight,
+        _mean(gain, weight),
     )
     columns = (np.where(enough, values, np.nan) for values in (_logistic(mean_logit), *ellipse))
     probability, major, minor, angle = columns
@@ -256,13 +260,12 @@ def _mean(values: Array, weight: Array) -> Array:
 
 
 def _mean_logit(probability: Array, weight: Array, gain: Array) -> Array:
-    """Logit (n,) of the mean probability in which relief shows exp(``gain``) times as clearly as in the
-    mean of the evaluated conditions; probabilities are kept half a step of their storage from 0 and
-    1. NaN without weight.
+    """Logit (n,) of the mean of probabilities (n, m) of conditions than which relief shows exp(``gain``) (n, m) times as
+    clearly; probabilities are kept half a step of their storage from 0 and 1. NaN without weight.
     """
     half = DETECTION_STEP / 2.0
-    p = np.clip(np.nan_to_num(probability), half, 1.0 - half)
-    found = np.clip(probability_at(_mean(log_height(p), weight) + gain), half, 1.0 - half)
+    height = peak_height(np.clip(np.nan_to_num(probability), half, 1.0 - half)) * np.exp(gain)
+    found = np.clip(probability_at(_mean(height, weight)), half, 1.0 - half)
     return np.asarray(np.log(found / (1.0 - found)))
 
 
@@ -271,7 +274,7 @@ def _mean_ellipse(
 ) -> tuple[Array, Array, Array]:
     """Log-Euclidean mean of error ellipses, (n,) each: the logarithm of a covariance matrix with
     axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear. Sigmas are
-    inversely proportional to how clearly relief shows (``gain``: as in `_mean_logit`).
+    inversely proportional to how clearly relief shows (``gain`` (n,): the mean of that of `_mean_logit`).
     """
     weight = np.where(np.isfinite(major) & np.isfinite(angle_deg), weight, 0.0)
     tiny = np.finfo(np.float32).tiny

@@ -37,6 +37,9 @@ from .search_area import search_reach_px
 COMMON_VARIANCE = 0.1
 """rho: the variance of the common factor. It was 0.08 to 0.13 over 105 frames of two cameras."""
 
+_WRONG = 0.05
+"""Share of the points that are not found of which another place is accepted."""
+
 DEFAULTS = Options()
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
@@ -103,7 +106,7 @@ def joint_detection(
     order = np.argsort(-probability[some], kind="stable")[: options.most_first]
     chosen = np.flatnonzero(some)[order]
     rows, p, covariance = rows[chosen], probability[chosen], covariance_px2[chosen]
-    needed = _needed(catalog, rows, sensor, covariance, uncertainty, options) if len(rows) else 1
+    needed = _needed(catalog, rows, sensor, p, covariance, uncertainty, options) if len(rows) else 1
     return JointDetection(float(p.sum()), at_least_found(p), needed)
 
 
@@ -111,12 +114,14 @@ def _needed(
     catalog: Catalog,
     rows: Index,
     sensor: Sensor,
+    probability: Array,
     covariance_px2: Array,
     uncertainty: Uncertainty,
     options: Options,
 ) -> int:
-    """Fewest matches whose agreement is significant by the rule of `matching.consensus`, all points being searched
-    for. Of the points' chances to agree by accident a subset evenly spread over their order is taken.
+    """Fewest matches whose agreement is significant by the rule of `matching.consensus`, among themselves and the wrong
+    matches (`_WRONG`). Which points are found follows their claims: those at even steps of the summed claims, in the
+    order of their chances to agree by accident.
     """
     factor = reduction(catalog, sensor, rows)
     places = catalog.position_mcmf[rows]
@@ -126,10 +131,16 @@ def _needed(
     order, pixels = np.argsort(chance), sensor.project(places)
     minimal = minimal_set(sensor, uncertainty)
     width = patch_width_px(catalog, sensor, rows)
+    summed = np.cumsum(probability[order]) / max(float(probability.sum()), 1e-12)
+    wrong = np.full(round(_WRONG * float((1.0 - probability).sum())), float(np.median(chance)))
     for count in range(minimal + 1, len(rows) + 1):
-        agrees = np.zeros(len(rows), bool)
-        agrees[order[np.linspace(0, len(rows) - 1, count).astype(np.int64)]] = True
-        share = independent_share(pixels[agrees], width)
-        if log10_false_alarms(chance, agrees, minimal, share) < SIGNIFICANT:
+        steps = (np.arange(count) + 0.5) / count
+        found = order[np.minimum(np.searchsorted(summed, steps), len(rows) - 1)]
+        agrees = np.arange(count + len(wrong)) < count
+        share = independent_share(pixels[found], width)
+        if (
+            log10_false_alarms(np.append(chance[found], wrong), agrees, minimal, share)
+            < SIGNIFICANT
+        ):
             return count
     return len(rows) + 1

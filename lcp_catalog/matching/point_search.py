@@ -22,7 +22,12 @@ from ..kernels.matching import search, subpixel_fit
 from ..kernels.matching.backward_search import find_backwards
 from ..landmarks.corners import fill_missing
 from ..landmarks.correlation import moments
-from ..landmarks.detection import AMBIGUOUS, LEAST_CORRELATION, mistake_probability
+from ..landmarks.detection import (
+    AMBIGUOUS,
+    LEAST_CORRELATION,
+    highest_probability,
+    mistake_probability,
+)
 from ..landmarks.patches import POINT_SPREAD_PX, halved
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -385,7 +390,7 @@ def _judge_places(
     _mark(code, ~settled, "no exact place")
     rival = settled & np.isfinite(found[:, 3])
     chance = np.where(settled, 0.0, np.nan)
-    before = np.where(np.isfinite(prior), prior, NO_CLAIM)
+    before = np.where(np.isfinite(prior), highest_probability(prior), NO_CLAIM)
     if task.criteria.prior is not None:
         before = np.full(len(prior), task.criteria.prior)
     chance[rival] = mistake_probability(

@@ -22,13 +22,13 @@ FLAT = {"albedo_sigma": 0.0}
 
 
 def height(probability: Any) -> Any:
-    """Logarithm of how far a peak stands above all others, sigmas: 2.2 + 1.1 z, bent towards 0 below 0.3."""
-    return np.log(0.3 * np.log1p(np.exp((2.2 + 1.1 * norm.ppf(probability)) / 0.3)))
+    """How far a peak stands above all others, sigmas: 2.2 + 1.1 z, bent towards 0 below 0.3."""
+    return 0.3 * np.log1p(np.exp((2.2 + 1.1 * norm.ppf(probability)) / 0.3))
 
 
-def chance(log_height: Any) -> Any:
+def chance(of_height: Any) -> Any:
     """The probability of a height."""
-    return np.vectorize(lambda h: brentq(lambda p: height(p) - h, 1e-4, 1.0 - 1e-7, xtol=1e-12))(log_height)  # fmt: skip
+    return np.vectorize(lambda h: brentq(lambda p: height(p) - h, 1e-4, 1.0 - 1e-7, xtol=1e-12))(of_height)  # fmt: skip
 
 
 def everywhere(count: int = 3, seed: int = 4, **spoilt: Any) -> Catalog:

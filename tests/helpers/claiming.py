@@ -13,7 +13,7 @@ from lcp_catalog.landmarks.selection import Places
 
 from .catalogs import ERRORS
 
-USABLE_AT, OTHERS_AT = 0.96, 0.4
+USABLE_AT, OTHERS_AT = 0.96, 0.2
 """Claimed probability of the usable points and of the others."""
 
 
@@ -45,6 +45,6 @@ def claiming(plain: Catalog, sigma_m: float, search_m: float) -> Catalog:
         sigma_major=np.full(two, sigma_m),
         sigma_minor=np.full(two, sigma_m / 2.0),
         sigma_angle=np.zeros(two),
-        errors=dict(ERRORS),
+        errors=dict(ERRORS) | {"albedo_sigma": 0.0},  # relief shows alike under every Sun and view
         coverage=replace(cells, usable=nearby),
     )

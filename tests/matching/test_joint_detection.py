@@ -71,7 +71,9 @@ def test_a_claim_that_is_no_number_is_refused() -> None:
 
 
 def test_so_many_matches_are_accepted_and_one_less_is_not() -> None:
-    """`needed` is the rule of `consensus.agree`: that many right matches among wrong ones are significant."""
+    """`needed` is the rule of `consensus.agree`: that many right matches are significant, among one wrong one for every 20
+    points that are not found.
+    """
     catalog = everywhere_usable()
     taken = camera()
     image = PlannedImage.lit(taken, SunChoice(100.0, 17.0))
@@ -85,9 +87,13 @@ def test_so_many_matches_are_accepted_and_one_less_is_not() -> None:
     dice = np.random.default_rng(3)
     significant = {}
     for count in (joint.needed - 1, joint.needed + 1):
-        found = true + dice.uniform(-16.0, 16.0, true.shape)
+        found = np.full(true.shape, np.nan)
         right = np.linspace(0, len(rows) - 1, count).astype(int)
         found[right] = true[right]
+        wrong = np.setdiff1d(np.arange(len(rows)), right)[
+            : round(0.05 * (1.0 - answer.probability).sum())
+        ]
+        found[wrong] = true[wrong] + dice.uniform(-16.0, 16.0, (len(wrong), 2))
         result = agree(taken, places, found, covariance, USUAL, options.least_reach_px)
         significant[count - joint.needed] = result.log10_false_alarms < -6.0
     assert significant == {-1: False, 1: True}

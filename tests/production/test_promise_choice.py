@@ -89,7 +89,7 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     """
     rng, told = np.random.default_rng(7), catalog.promise
     assert told is not None
-    lon, lat = (np.tile(part, 4) for part in plan.recipe.region.lattice(101))
+    lon, lat = (np.tile(part, 5) for part in plan.recipe.region.lattice(101))
     sun = suns_that_happen(rng, lat)
     row, column = (
         np.searchsorted(grid, np.nan_to_num(part), side="right") - 1
