@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
+from ..landmarks.relief_signal import directions, log_signal, peak_height, probability_at
 from .catalogue import Catalog
-from .relief_signal import directions, log_signal, peak_height, probability_at
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
 
 VIEW_REACH_DEG = 20.0

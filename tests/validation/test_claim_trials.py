@@ -39,7 +39,7 @@ def test_claims_are_those_of_the_catalogue_and_trials_those_of_a_search() -> Non
     catalog, photo = hadley(), hadley_photo()
     claims = ClaimSearch(catalog, photo, LAW, Criteria()).claims(ROWS, searched=True)
     assert (claims.usable == (ROWS % 2 == 0)).all()
-    np.testing.assert_allclose(claims.probability, np.where(ROWS % 2 == 0, 0.96, 0.4), atol=0.003)
+    np.testing.assert_allclose(claims.probability, np.where(ROWS % 2 == 0, 0.96, 0.2), atol=0.003)
     np.testing.assert_allclose(
         claims.sigma_m, np.tile([SIGMA_M, SIGMA_M / 2.0], (49, 1)), rtol=0.01
     )

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
 
 from ..arrays import Array
 
@@ -51,12 +50,16 @@ def directions(elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> Array:
 
 def peak_height(probability: Array) -> Array:
     """d of probabilities between 0 and 1."""
+    from scipy.special import ndtri
+
     height = (_NEEDED + _SPREAD * ndtri(probability)) / _LEAST_HEIGHT
     return np.asarray(_LEAST_HEIGHT * np.logaddexp(0.0, height))
 
 
 def probability_at(height: Array) -> Array:
     """The inverse of `peak_height`."""
+    from scipy.special import ndtr
+
     bent = height / _LEAST_HEIGHT
     bent = bent + np.log(-np.expm1(-bent))
     return np.asarray(ndtr((_LEAST_HEIGHT * bent - _NEEDED) / _SPREAD))

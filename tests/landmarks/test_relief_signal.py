@@ -8,9 +8,8 @@ import pytest
 from helpers import catalogs
 
 from lcp_catalog.catalog.prediction import predict
-from lcp_catalog.catalog.relief_signal import directions, log_signal, peak_height, probability_at
-
-from .test_prediction import chance, everywhere, height
+from lcp_catalog.landmarks.relief_signal import directions, log_signal, peak_height, probability_at
+from tests.catalog.test_prediction import chance, everywhere, height
 
 
 def by_facets(sun: np.ndarray, view: np.ndarray) -> float:
