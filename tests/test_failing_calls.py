@@ -124,11 +124,18 @@ def test_what_a_command_leaves_is_judged(
     assert "the input in is changed" in trial.wrong(SOUND, {"in": b"2", "out": b"new"}, WRITE)
 
 
-def test_a_few_commands_survive_a_few_calls() -> None:
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--only dem*check export*.lmk --spread 2 --kinds open rename fsync",
+        pytest.param("--only render --malloc 60 --kinds malloc", marks=pytest.mark.slow),
+    ],
+)
+def test_a_few_commands_survive_a_few_calls(words: str) -> None:
+    """Of 60 calls for memory of `render`, one was lost in a parallel loop of a kernel: exit 0, a wrong image."""
     root = Path(__file__).resolve().parents[1]
-    only = ["--only", "dem check", "export .lmk", "--spread", "2", "--jobs", "1"]
-    kinds = ["--kinds", "open", "rename", "fsync"]
-    command = [sys.executable, "-m", "benchmarks.faults", "calls", *only, *kinds]
+    only = [word.replace("*", " ") for word in words.split()]
+    command = [sys.executable, "-m", "benchmarks.faults", "calls", "--jobs", "1", *only]
     ended = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert ended.stdout.count("| `") == 2
+    assert ended.stdout.count("| `") == max(words.count("*"), 1)

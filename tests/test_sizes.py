@@ -25,7 +25,7 @@ SIZES = _module()
 
 BUDGETS = {
     "code lines, benchmarks": 4475,  # 4100, 350 for calls that fail, and 25 for frames that are located
-    "code lines, lcp_catalog": 40200,  # 39 900, and 300 for views of images and joint detection
+    "code lines, lcp_catalog": 40390,  # 39 900, 300 for views of images and joint detection, 190 for counted loops
     "code lines, cli": 3560,  # 3500, and 60 for the images that a catalogue is for
     "words of docs": 46500,  # 45 000, and 1500 for the page on reliability
     "words of the changelog": 1000,

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from ..elementary import exp_lane, normal
 from ..vectors import LANES, aligned, larger, load, splat, splat_at, total
 
@@ -187,7 +188,9 @@ def acquisition(
     contrast or with an infinite V.
     """
     many, parts = rivals.shape[1], min(contrast.size, _PARTS)
+    done = 0
     for part in prange(parts):
+        done += 1
         signals, powers = np.empty(many), np.empty(many)
         work = (
             signals, powers, np.empty(many), np.empty(many),
@@ -202,6 +205,7 @@ def acquisition(
                     contrast[i], noise[i], along[i], rho[i], nodes, given, factors, weights,
                     least, rise, third_from, work, out[i],
                 )  # fmt: skip
+    all_done(done, parts)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -212,7 +216,9 @@ def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_
     slope_noise (n, 2, 2), offsets (k, 2), near and near_contrast (n, k): as in
     `landmarks.detection.top_probability`; the others as in `acquisition`.
     """
+    done = 0
     for i in prange(contrast.size):
+        done += 1
         mean, variance = moments(contrast[i], rho[i], noise[i], along[i], nodes)
         power = nodes * (contrast[i] * contrast[i] + noise[i])
         least = math.inf
@@ -231,6 +237,7 @@ def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_
             if math.isfinite(margin) and margin < least:
                 least = margin
         out[i] = 0.5 * math.erfc(-least * math.sqrt(0.5))
+    all_done(done, contrast.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -239,7 +246,9 @@ def least_rivals(contrast, noise, along, rho, nodes, factors, clear, out):
     noise it is ``clear`` standard deviations below that at the true place, for windows of half the
     patch's contrast, of the same, and of ten times as much; the others as in `acquisition`.
     """
+    done = 0
     for i in prange(contrast.size):
+        done += 1
         out[i] = math.inf
         for factor in factors:
             scale = factor * factor
@@ -250,3 +259,4 @@ def least_rivals(contrast, noise, along, rho, nodes, factors, clear, out):
                 spread = variance + scale * along[i] / nodes / total
                 least = (mean - clear * math.sqrt(spread)) * math.sqrt(total) / theirs
                 out[i] = min(out[i], least)
+    all_done(done, contrast.size)

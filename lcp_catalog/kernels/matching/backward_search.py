@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .correlation import bounds, centred, correlations
 
 
@@ -107,8 +108,11 @@ def find_backwards(values, masks, image, weight, places, inner, reach, least_rea
     A template has its mean outside its mask; at least a share ``least_real`` of the inner part must
     lie on the mask.
     """
+    done = 0
     for k in prange(values.shape[0]):
+        done += 1
         out[k] = math.nan
         _find_backwards(
             values[k], masks[k], image, weight, places[k, 1], places[k, 0], inner, reach, least_real, out[k],
         )  # fmt: skip
+    all_done(done, values.shape[0])

@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
+
 NOWHERE = np.float32(-2.0)
 """Value of a correlation map at places without a correlation."""
 FLAT = 1e-6
@@ -192,7 +194,9 @@ def maps(image, weight, values, masks, origins, reach, least_real, out):
     1, 2 reach + 1) rows and columns; NaN where a template leaves the image or too few pixels under
     it are valid.
     """
+    done = 0
     for k in prange(values.shape[0]):
+        done += 1
         out[k] = np.nan
         r0, r1, c0, c1 = bounds(masks[k])
         if r0 >= r1:
@@ -213,3 +217,4 @@ def maps(image, weight, values, masks, origins, reach, least_real, out):
             for x in range(nx):
                 if score[y, x] > NOWHERE:
                     out[k, top + y, left + x] = score[y, x]
+    all_done(done, values.shape[0])

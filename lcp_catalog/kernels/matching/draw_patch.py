@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from ..photometry.laws import phase_terms, radiance_factor
 from ..rays.surface import node_normal
 
@@ -282,7 +283,9 @@ def draw_patches(z, gsd, albedo, suns, towards, pixels, origins, sub, code, law,
     p, 2) of the nodes; origins (n, 2): column and row of each drawing's first pixel.
     """
     n, p, q = z.shape
+    done = 0
     for k in prange(n):
+        done += 1
         light, clear = np.empty((p, q), np.float32), np.empty((p, q), np.float32)
         shade(z[k], gsd[k], suns[k], towards[k], code, law, light)
         clearances(z[k], gsd[k], suns[k], clear)
@@ -299,3 +302,4 @@ def draw_patches(z, gsd, albedo, suns, towards, pixels, origins, sub, code, law,
         depth = np.full(out.shape[1:], _FAR)
         out[k] = np.float32(np.nan)
         _draw(x, y, far, light, clear, depth, out[k])
+    all_done(done, n)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from ..vectors import LANES, load, multiple, splat, store
 
 
@@ -14,7 +15,9 @@ def gather(stack, which, rows, cols, half, out):
     cols) into out (n, size, size); nodes outside the image are NaN.
     """
     size = 2 * half + 1
+    done = 0
     for n in prange(which.size):
+        done += 1
         image = stack[which[n]]
         top, left = rows[n] - half, cols[n] - half
         if 0 <= top <= image.shape[0] - size and 0 <= left <= image.shape[1] - size:
@@ -28,6 +31,7 @@ def gather(stack, which, rows, cols, half, out):
                     r, c = top + i, left + j
                     inside = 0 <= r < image.shape[0] and 0 <= c < image.shape[1]
                     out[n, i, j] = image[r, c] if inside else math.nan
+    all_done(done, which.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -38,7 +42,9 @@ def halved_changes(changes, rows, cols, out):
     """
     p, q = changes.shape[1], out.shape[1]
     fine = p // 2
+    done = 0
     for n in prange(changes.shape[0]):
+        done += 1
         top, left = fine % 2 - rows[n] % 2, fine % 2 - cols[n] % 2
         for i in range(q):
             for j in range(q):
@@ -47,6 +53,7 @@ def halved_changes(changes, rows, cols, out):
                     for c in range(max(left + 2 * j, 0), min(left + 2 * j + 2, p)):
                         total += changes[n, r, c]
                 out[n, i, j] = np.float32(0.25) * total
+    all_done(done, changes.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -94,7 +101,9 @@ def blurred(stack, taps, out):
     """Write images (k, rows, cols) through a kernel (7,) along both axes, their borders extended,
     into out; images that are 0 everywhere stay so.
     """
+    done = 0
     for k in prange(stack.shape[0]):
+        done += 1
         some = False
         for r in range(stack.shape[1]):
             for c in range(stack.shape[2]):
@@ -103,6 +112,7 @@ def blurred(stack, taps, out):
             _blur(stack[k], taps, out[k])
         else:
             out[k] = 0.0
+    all_done(done, stack.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -121,7 +131,9 @@ def light(patches, share, level):
     """Write the share of each patch's nodes (n, p, p) that are lit (above 0) into share (n,), and
     their mean into level (n,): NaN where a node is missing or none is lit.
     """
+    done = 0
     for n in prange(patches.shape[0]):
+        done += 1
         count, total = 0, 0.0
         for i in range(patches.shape[1]):
             lit, brightness = _light(patches[n, i])
@@ -129,6 +141,7 @@ def light(patches, share, level):
             total += brightness
         share[n] = count / (patches.shape[1] * patches.shape[2])
         level[n] = math.nan if count == 0 or not math.isfinite(total) else total / count
+    all_done(done, patches.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
@@ -160,7 +173,9 @@ def harris(patches, level, weight, out):
     where the level is.
     """
     high, wide = patches.shape[1], patches.shape[2]
+    done = 0
     for n in prange(patches.shape[0]):
+        done += 1
         image, sums = patches[n], np.zeros(3)
         for i in range(high):
             up, down = max(i - 1, 0), min(i + 1, high - 1)
@@ -168,15 +183,19 @@ def harris(patches, level, weight, out):
         xx, yy, xy = sums
         scale = (level[n] * level[n]) ** 2 * np.float64(high * wide) ** 2
         out[n] = (xx * yy - xy * xy - weight * (xx + yy) ** 2) / scale
+    all_done(done, patches.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def halved(stack, out):
     """Write the means of 2 x 2 pixels of images (k, rows, cols) into out (k, rows // 2, cols // 2)."""
+    done = 0
     for k in prange(stack.shape[0]):
+        done += 1
         for r in range(out.shape[1]):
             one, other, line = stack[k, 2 * r], stack[k, 2 * r + 1], out[k, r]
             for c in range(line.size):
                 line[c] = np.float32(0.25) * (
                     (one[2 * c] + other[2 * c]) + (one[2 * c + 1] + other[2 * c + 1])
                 )
+    all_done(done, stack.shape[0])

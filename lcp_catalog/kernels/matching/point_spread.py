@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
+
 _ROOT_HALF = math.sqrt(0.5)
 _INVERSE_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
 
@@ -152,7 +154,9 @@ def templates(drawings, sub, sigma, least, values, mask):
     falls on the drawing; values are 0 elsewhere.
     """
     n, rows, cols = values.shape
+    done = 0
     for k in prange(n):
+        done += 1
         seen = np.empty((4, rows, cols), np.float32)
         light = np.empty((rows * sub, sub * cols), np.float32)
         known = np.empty_like(light)
@@ -163,3 +167,4 @@ def templates(drawings, sub, sigma, least, values, mask):
                 good = seen[3, r, c] >= least
                 mask[k, r, c] = good
                 values[k, r, c] = seen[0, r, c] if good else np.float32(0.0)
+    all_done(done, n)

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from ..vectors import LANES, aligned, load, splat, store, transpose
 from .noise import FIELDS, PAIRS, by_components, by_distance, scratch, whole_tiles
 
@@ -284,7 +285,9 @@ def registrations(patches, images, east, south, level, noise, taps, heights, alb
     )
     groups = (n + LANES - 1) // LANES
     parts = min(groups, _PARTS)
+    done = 0
     for part in prange(parts):
+        done += 1
         work = (
             aligned(FIELDS * p * p * LANES).reshape(FIELDS, p * p * LANES),
             aligned(4 * p * p * LANES).reshape(4, p * p * LANES),
@@ -293,3 +296,4 @@ def registrations(patches, images, east, south, level, noise, taps, heights, alb
         )
         for group in range(part, groups, parts):
             _register(stacks, group * LANES, level, noise, terms, work, out)
+    all_done(done, parts)

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from ..vectors import LANES, aligned, load, splat, store, total
 from .correlation import FLAT, window
 from .maxima import highest, map_row, surround
@@ -52,13 +53,16 @@ def centred(stack, out, power):
     """Write images (k, rows, cols) less their means into out, and their variances into power (k,): NaN
     for images with missing pixels.
     """
+    done = 0
     for k in prange(stack.shape[0]):
+        done += 1
         mean = np.float32(_moments(stack[k])[0])
         for r in range(stack.shape[1]):
             source, target = stack[k, r], out[k, r]
             for c in range(source.size):
                 target[c] = source[c] - mean
         power[k] = _moments(out[k])[1]
+    all_done(done, stack.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -87,7 +91,9 @@ def window_norms(stack, size, out):
     that of their image; stack (k, rows, cols) float32 without NaN, about 0.
     """
     count = size * size
+    done = 0
     for k in prange(stack.shape[0]):
+        done += 1
         image, norms = stack[k], out[k]
         rows, cols = image.shape
         first, second = np.zeros(cols), np.zeros(cols)
@@ -100,6 +106,7 @@ def window_norms(stack, size, out):
                 for c in range(cols):
                     before[c + 1], before2[c + 1] = before[c] + first[c], before2[c] + second[c]
                 _norms_between(before, before2, size, flat, norms[r - size + 1])
+    all_done(done, stack.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -394,7 +401,9 @@ def rivals(
     """
     p, count, values = templates.shape[1], templates.shape[0], templates.ravel()
     parts = min(count, _PARTS)
+    done = 0
     for part in prange(parts):
+        done += 1
         template, coarse_template = place_for(p), place_for(p // 2)
         work = np.empty((p // 2) ** 2, np.float32), coarse_template, np.empty(9, np.float32)
         room = _room(p // 2, (reach + 1) // 2) if coarse else _room(p, reach)
@@ -431,3 +440,4 @@ def rivals(
                 image, own, template, scale, p, row, col, ring, starts, eight, around[n],
                 contrast[n],
             )  # fmt: skip
+    all_done(done, parts)

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .correlation import FLAT, NOWHERE, bounds, centred, correlations, window
 from .maxima import maxima
 
@@ -233,8 +234,11 @@ def find_templates(
     first pixel is expected; reaches (n,) pixels; exclusion (n,): least distance of another peak
     from the best, pixels; coarse (n,) bool: half resolution first.
     """
+    done = 0
     for k in prange(values.shape[0]):
+        done += 1
         _find_template(
             fine, fine_weight, half, half_weight, values[k], masks[k], origins[k, 1], origins[k, 0],
             reaches[k], exclusion[k], least_real, coarse[k], out[k],
         )  # fmt: skip
+    all_done(done, values.shape[0])

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .point_spread import blurred, unpack_drawing
 
 NUMBERS = 10
@@ -248,7 +249,9 @@ def refine(fine, sub, sigma, least, image, weight, places, starts, out):
     """
     n = fine.shape[0]
     rows, cols = fine.shape[1] // sub, fine.shape[2] // sub
+    done = 0
     for k in prange(n):
+        done += 1
         seen = np.empty((4, rows, cols), np.float32)
         drawn = np.empty((rows * sub, sub * cols), np.float32)
         known = np.empty_like(drawn)
@@ -263,3 +266,4 @@ def refine(fine, sub, sigma, least, image, weight, places, starts, out):
             _covariance(seen, light, w, out[k])
         else:
             out[k] = np.nan
+    all_done(done, n)

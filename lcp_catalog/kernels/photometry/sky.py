@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .images import add_light
 from .laws import phase_terms, radiance_factor
 
@@ -41,7 +42,10 @@ def add_to_planes(planes, camera, directions, dark, irradiance, code, law, out):
     Nodes that face away from the camera or have no normal stay as they are.
     """
     rows = out.shape[0]
-    for band in prange((rows + _BAND_ROWS - 1) // _BAND_ROWS):
+    bands = (rows + _BAND_ROWS - 1) // _BAND_ROWS
+    done = 0
+    for band in prange(bands):
+        done += 1
         first, last = band * _BAND_ROWS, min(rows, band * _BAND_ROWS + _BAND_ROWS)
         _add_to_band(
             planes[:, first:last],
@@ -53,6 +57,7 @@ def add_to_planes(planes, camera, directions, dark, irradiance, code, law, out):
             law,
             out[first:last],
         )
+    all_done(done, bands)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -76,11 +81,14 @@ def add_to_nodes(normals, cameras, directions, dark, irradiance, code, law, out)
     """
     shared = cameras.shape[0] == 1
     common = _phases(directions, cameras[0], code, law)
+    done = 0
     for n in prange(out.size):
+        done += 1
         camera = cameras[0] if shared else cameras[n]
         phases = common if shared else _phases(directions, camera, code, law)
         total = _on_node(n, normals[n], camera, directions, phases, dark, code, law)
         out[n] += irradiance * total + 0.0 * normals[n, 0]
+    all_done(done, out.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -108,7 +116,10 @@ def add_to_points(u, v, normals, cameras, directions, dark, irradiance, code, la
     (k, rows, cols), each with its camera (n, 3); the visible share of a light is interpolated
     between the nodes of the point's triangle.
     """
+    done = 0
     for n in prange(out.size):
+        done += 1
         out[n] += irradiance * _on_point(
             u[n], v[n], normals[n], cameras[n], directions, dark, code, law
         )
+    all_done(done, out.size)

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .surface import node_exists, surface_height
 from .tracing import NEVER, UNDERGROUND_M, blocked, inverse_of, met
 
@@ -108,7 +109,9 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
     """
     row0, row1, col0, col1 = window
     bands = (row1 - row0 + BAND_ROWS - 1) // BAND_ROWS
+    done = 0
     for band in prange(bands):
+        done += 1
         first = row0 + _spread(band, bands) * BAND_ROWS
         for i in range(first, min(first + BAND_ROWS, row1)):
             for j in range(col0, col1):
@@ -127,6 +130,7 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
                     NEVER,
                     NODE_LEVEL,
                 )
+    all_done(done, bands)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -164,13 +168,16 @@ def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
     cu, cv = on_grid(cu, cv)
     buried = surface_height(z, cu, cv) > cz + UNDERGROUND_M
     bands = (row1 - row0 + BAND_ROWS - 1) // BAND_ROWS
+    done = 0
     for band in prange(bands):
+        done += 1
         first = row0 + _spread(band, bands) * BAND_ROWS
         for i in range(first, min(first + BAND_ROWS, row1)):
             for j in range(col0, col1):
                 out[i - row0, j - col0] = not math.isnan(z[i, j]) and (
                     buried or _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz)
                 )
+    all_done(done, bands)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -198,11 +205,14 @@ def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
     """Write True into out (n,) for points where the surface rises above their ray; NaN: False."""
+    done = 0
     for k in prange(u.size):
+        done += 1
         known = not math.isnan(u[k] + v[k] + above[k])
         out[k] = known and _point_blocked(
             z, holes, pyramid, summit, u[k], v[k], above[k], du, dv, dz
         )
+    all_done(done, u.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
@@ -276,7 +286,9 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     """
     rows, cols = z.shape
     ou, ov = on_grid(ou, ov)
+    done = 0
     for k in prange(out.size):
+        done += 1
         east, north, up = directions[k, 0], directions[k, 1], directions[k, 2]
         du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height = approach(
             rows, cols, summit, ou, ov, oz, east, north, up, gsd
@@ -285,3 +297,4 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
             z, holes, pyramid, summit, oz, math.inf,
             du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
         )  # fmt: skip
+    all_done(done, out.size)

@@ -20,6 +20,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .bundles import approach, hit_from, on_grid
 from .tracing import NEVER, PATIENCE, UNDERGROUND_M, entered, inverse_of, met, met_in_cell
 
@@ -324,8 +325,11 @@ def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     down, across = tile_rows * TILES, tile_cols * TILES
     blocks_across = (cols + across - 1) // across
     blocks = (rows + down - 1) // down * blocks_across
+    done = 0
     for block in prange(blocks):
+        done += 1
         i0, j0 = block // blocks_across * down, block % blocks_across * across
         _block(
             z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out, i0, j0, tile_rows, tile_cols
         )  # fmt: skip
+    all_done(done, blocks)

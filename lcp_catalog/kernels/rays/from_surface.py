@@ -4,6 +4,7 @@ import math
 
 from numba import njit, prange
 
+from ..completion import all_done
 from .bundles import NODE_LEVEL, on_grid, scaled
 from .surface import surface_height
 from .tracing import inverse_of, met
@@ -15,7 +16,9 @@ def meetings(z, holes, pyramid, summit, gsd, u, v, directions, out):
     surface at column u, row v first meet the surface; NaN without any, for vertical rays, and where
     there is no surface.
     """
+    done = 0
     for k in prange(u.size):
+        done += 1
         a, b = on_grid(u[k], v[k])
         ground = surface_height(z, a, b)
         du, dv, dz, longest = scaled(directions[k, 0], -directions[k, 1], directions[k, 2] * gsd)
@@ -26,3 +29,4 @@ def meetings(z, holes, pyramid, summit, gsd, u, v, directions, out):
                 inverse_of(du), inverse_of(dv), 0.0, NODE_LEVEL,
             )  # fmt: skip
         out[k] = s * gsd / longest if s >= 0.0 else math.nan
+    all_done(done, u.size)

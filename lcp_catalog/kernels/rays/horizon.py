@@ -13,6 +13,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .bundles import NODE_LEVEL, ON_SURFACE_M, on_grid
 from .surface import surface_height
 from .tracing import NEVER, child_at, edge_at, first_cell, inverse_of, unit
@@ -113,11 +114,14 @@ def shadow_heights(z, pyramid, summit, u, v, du, dv, rates, heights):
     """Raise ``heights`` (k, n) to the height of the surface's shadow over places (n,) inside the
     raster, under parallel rays that climb by ``rates`` (k,) metres per unit of (du, dv).
     """
+    done = 0
     for n in prange(u.size):
+        done += 1
         for k in range(rates.size):
             heights[k, n] = _lifted_holed(
                 z, pyramid, summit, u[n], v[n], du, dv, heights[k, n], rates[k]
             )
+    all_done(done, u.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -125,7 +129,9 @@ def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
     """Write the horizons of nodes (n,) in the planes (k, 4) du, dv, best, enough into out (n, k),
     metres per unit of s; ``best`` at nodata.
     """
+    done = 0
     for n in prange(rows.size):
+        done += 1
         i, j = rows[n], cols[n]
         oz = np.float64(z[i, j])
         for k in range(planes.shape[0]):
@@ -135,6 +141,7 @@ def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
                 out[n, k] = steepest(
                     z, holes, pyramid, summit, float(j), float(i), oz, du, dv, best, enough
                 )
+    all_done(done, rows.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -155,7 +162,9 @@ def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
     ``best`` for NaN and those off the raster.
     """
     rows, cols = z.shape
+    done = 0
     for n in prange(u.size):
+        done += 1
         inside = 0.0 <= u[n] <= cols - 1.0 and 0.0 <= v[n] <= rows - 1.0
         known = inside and not math.isnan(heights[n])
         x, y, oz = _onto_surface(z, u[n], v[n], heights[n]) if known else (0.0, 0.0, 0.0)
@@ -167,6 +176,7 @@ def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
                 out[n, k] = enough
             else:
                 out[n, k] = steepest(z, holes, pyramid, summit, x, y, oz, du, dv, best, enough)
+    all_done(done, u.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -179,7 +189,9 @@ def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
     top.
     """
     last = tables.shape[1] - 1
+    done = 0
     for n in prange(slopes.shape[0]):
+        done += 1
         total = 0.0
         for k in range(tables.shape[0]):
             tangent = slopes[n, k] * tangents[k]
@@ -189,6 +201,7 @@ def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
             share = place - cell
             total += tables[k, cell] * (1.0 - share) + tables[k, cell + 1] * share
         out[n] = total
+    all_done(done, slopes.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -198,7 +211,9 @@ def rim_nodes(z, window, out):
     """
     row0, row1, col0, col1 = window
     rows, cols = z.shape
+    done = 0
     for k in prange(row1 - row0):
+        done += 1
         i = row0 + k
         for j in range(col0, col1):
             rim = i == 0 or j == 0 or i == rows - 1 or j == cols - 1
@@ -206,3 +221,4 @@ def rim_nodes(z, window, out):
                 for b in range(max(j - 1, 0), min(j + 2, cols)):
                     rim = rim or math.isnan(z[a, b])
             out[k, j - col0] = rim and not math.isnan(z[i, j])
+    all_done(done, row1 - row0)

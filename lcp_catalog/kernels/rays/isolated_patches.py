@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .max_pyramid import extremes
 from .surface import node_exists
 from .tracing import NEVER, blocked
@@ -46,12 +47,15 @@ def occluded_alone(z, rows, cols, half, du, dv, dz, out):
     """Set out (n, size, size), initially False, to True for nodes of each patch where the patch
     itself rises above their ray.
     """
+    done = 0
     for n in prange(rows.size):
+        done += 1
         row0, row1 = max(rows[n] - half, 0), min(rows[n] + half + 1, z.shape[0])
         col0, col1 = max(cols[n] - half, 0), min(cols[n] + half + 1, z.shape[1])
         if row1 - row0 > 1 and col1 - col0 > 1:
             part = z[row0:row1, col0:col1].copy()
             _trace_part(part, du, dv, dz, row0 - rows[n] + half, col0 - cols[n] + half, out[n])
+    all_done(done, rows.size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -91,7 +95,10 @@ def shadowed_from_outside(z, planes, dark, corner, rows, cols, half, rays, suns,
     directions in cells (nothing may be dark in a vertical one); suns (k, 3): in ENU.
     """
     size = 2 * half + 1
+    done = 0
     for n in prange(rows.size):
+        done += 1
         _shadowed_from_outside(
             z, planes, dark, corner, (rows[n] - half, cols[n] - half), size, rays, suns, cast[:, n]
         )
+    all_done(done, rows.size)

@@ -10,6 +10,8 @@ besides 4 for the heights.
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
+
 LOWEST = np.float32(-np.inf)
 
 
@@ -41,7 +43,9 @@ def _first_level(z, out):
     """Write the highest of the 3 x 3 nodes around each odd node into out; fewer nodes at the far
     borders.
     """
+    done = 0
     for i in prange(out.shape[0]):
+        done += 1
         for j in range(out.shape[1]):
             top = LOWEST
             for a in range(2 * i, min(2 * i + 3, z.shape[0])):
@@ -49,17 +53,21 @@ def _first_level(z, out):
                     if z[a, b] > top:  # noqa: PLR1730  (False for NaN; max is not sure)
                         top = z[a, b]
             out[i, j] = top
+    all_done(done, out.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _halve(below, out):
+    done = 0
     for i in prange(out.shape[0]):
+        done += 1
         for j in range(out.shape[1]):
             top = LOWEST
             for a in range(2 * i, min(2 * i + 2, below.shape[0])):
                 for b in range(2 * j, min(2 * j + 2, below.shape[1])):
                     top = max(top, below[a, b])
             out[i, j] = top
+    all_done(done, out.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,6 +8,7 @@ import math
 
 from numba import njit, prange
 
+from ..completion import all_done
 from .bundles import NODE_LEVEL, approach, hit_from, on_grid, scaled
 from .surface import node_exists
 from .tracing import NEVER, blocked
@@ -19,7 +20,9 @@ def occluded_nodes(z, holes, pyramid, summit, gsd, directions, window, out):
     ENU direction (rows, cols, 3); nodata and directions with NaN: False.
     """
     row0, row1, col0, col1 = window
+    done = 0
     for i in prange(row0, row1):
+        done += 1
         for j in range(col0, col1):
             east, north, up = directions[i - row0, j - col0]
             hidden = False
@@ -33,6 +36,7 @@ def occluded_nodes(z, holes, pyramid, summit, gsd, directions, window, out):
                         du, dv, dz, NEVER, NODE_LEVEL,
                     )  # fmt: skip
             out[i - row0, j - col0] = hidden
+    all_done(done, row1 - row0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -40,7 +44,9 @@ def first_hits(z, holes, pyramid, summit, origins, gsd, directions, out):
     """Write the first hits of rays along ENU directions (rows, cols, 3) into out (rows, cols), those of a
     row from its own point of ``origins`` (rows, 3): `bundles.first_hits`.
     """
+    done = 0
     for i in prange(out.shape[0]):
+        done += 1
         ou, ov = on_grid(origins[i, 0], origins[i, 1])
         oz = origins[i, 2]
         for j in range(out.shape[1]):
@@ -52,3 +58,4 @@ def first_hits(z, holes, pyramid, summit, origins, gsd, directions, out):
                 z, holes, pyramid, summit, oz, math.inf,
                 du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
             )  # fmt: skip
+    all_done(done, out.shape[0])

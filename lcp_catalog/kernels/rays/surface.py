@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
+
 SNAP = 1e-10
 """Distance from a node, in cells, within which a crossing is one of the node, on a surface with
 holes.
@@ -158,17 +160,23 @@ def stretch_height(z, i, j, x, y, mid_x, mid_y):  # noqa: PLR0911
 def existing_nodes(z, window, out):
     """Write True into out for nodes of a window that belong to an existing triangle."""
     row0, row1, col0, col1 = window
+    done = 0
     for k in prange(row1 - row0):
+        done += 1
         for j in range(col0, col1):
             out[k, j - col0] = not math.isnan(z[row0 + k, j]) and node_exists(z, row0 + k, j)
+    all_done(done, row1 - row0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def heights_at(z, u, v):
     """Surface heights, float64 (n,), at positions (n,)."""
     out = np.empty(u.size)
+    done = 0
     for k in prange(u.size):
+        done += 1
         out[k] = surface_height(z, u[k], v[k])
+    all_done(done, u.size)
     return out
 
 
@@ -202,9 +210,12 @@ def node_normal(z, gsd, i, j):
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def normals(z, gsd, row0, col0, out):
     """Write the node normals of the window at (row0, col0) into out (rows, cols, 3) float32."""
+    done = 0
     for i in prange(out.shape[0]):
+        done += 1
         for j in range(out.shape[1]):
             out[i, j, 0], out[i, j, 1], out[i, j, 2] = node_normal(z, gsd, row0 + i, col0 + j)
+    all_done(done, out.shape[0])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -223,7 +234,9 @@ def normals_at(z, gsd, u, v):
     """
     rows, cols = z.shape
     out = np.full((u.size, 3), np.nan)
+    done = 0
     for k in prange(u.size):
+        done += 1
         if not math.isnan(surface_height(z, u[k], v[k])):
             j, i = min(int(u[k]), cols - 2), min(int(v[k]), rows - 2)
             x, y = u[k] - j, v[k] - i
@@ -235,4 +248,5 @@ def normals_at(z, gsd, u, v):
             else:
                 _add_normal(z, gsd, i + 1, j, y - x, out[k])
             out[k] /= math.sqrt(out[k, 0] ** 2 + out[k, 1] ** 2 + out[k, 2] ** 2)
+    all_done(done, u.size)
     return out

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .scan_lines import (
     FAST,
     LINES,
@@ -192,7 +193,10 @@ def draft(
     top: the first row that can cast a shadow.
     """
     first, last = line_range(shear, window)
-    for block in prange((last - first + LINES - 1) // LINES):
+    blocks = (last - first + LINES - 1) // LINES
+    done = 0
+    for block in prange(blocks):
+        done += 1
         line0 = first + block * LINES
         line1 = min(last, line0 + LINES)
         _scan_lines(
@@ -212,6 +216,7 @@ def draft(
             line1,
             bits,
         )
+    all_done(done, blocks)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -221,7 +226,10 @@ def unpack(bits, transpose, flip, out):
     """
     count, rows, cols = out.shape
     last = bits.shape[0] - 1
-    for band in prange((rows + TILE - 1) // TILE):
+    bands = (rows + TILE - 1) // TILE
+    done = 0
+    for band in prange(bands):
+        done += 1
         i0, i1 = band * TILE, min(band * TILE + TILE, rows)
         part = np.empty((TILE, TILE), np.uint8)
         for j0 in range(0, cols, TILE):
@@ -239,3 +247,4 @@ def unpack(bits, transpose, flip, out):
                     source, target = part[i - i0], out[k, i, j0:j1]
                     for q in range(j1 - j0):
                         target[q] = (source[q] >> shift) & np.uint8(1)
+    all_done(done, bands)

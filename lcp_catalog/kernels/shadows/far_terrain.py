@@ -4,6 +4,8 @@ places.
 
 from numba import njit, prange
 
+from ..completion import all_done
+
 LIT, DARK, OPEN = 0, 1, 2
 
 
@@ -15,7 +17,9 @@ def shade(z, window, step, heights, doubt, marks):
     rows, columns of places). Nodata is lit.
     """
     row0, row1, col0, col1 = window
+    done = 0
     for k in prange(row1 - row0):
+        done += 1
         a = min(k // step, heights.shape[0] - 2)
         for m in range(col1 - col0):
             if marks[k, m] == DARK:
@@ -32,3 +36,4 @@ def shade(z, window, step, heights, doubt, marks):
                 marks[k, m] = OPEN
             else:
                 marks[k, m] = LIT
+    all_done(done, row1 - row0)

@@ -34,6 +34,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from ..rays.tracing import NEVER, blocked
 from .scan_lines import (
     FAST,
@@ -228,12 +229,16 @@ def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stenc
     or the stencils differ.
     """
     first, last = line_range(sun[0], window)
-    for block in prange((last - first + LINES - 1) // LINES):
+    blocks = (last - first + LINES - 1) // LINES
+    done = 0
+    for block in prange(blocks):
+        done += 1
         line0 = first + block * LINES
         _bound_lines(
             z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window,
             (line0, min(last, line0 + LINES)), marks,
         )  # fmt: skip
+    all_done(done, blocks)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -269,7 +274,9 @@ def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
     across = (cols + TILE - 1) // TILE
     tiles = (rows + TILE - 1) // TILE * across
     traced = np.zeros(tiles, np.int64)
+    done = 0
     for tile in prange(tiles):
+        done += 1
         i0, j0 = tile // across * TILE, tile % across * TILE
         part = np.empty((min(TILE, rows - i0), min(TILE, cols - j0)), np.uint8)
         some = np.empty(part.shape[0], np.uint8)
@@ -288,6 +295,7 @@ def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
                     target[j] = blocked(
                         z, holes, pyramid, summit, u, v, oz, ray[0], ray[1], ray[2], NEVER, NODE_LEVEL
                     )  # fmt: skip
+    all_done(done, tiles)
     return traced.sum()
 
 
@@ -298,11 +306,14 @@ def without_borders(z):
     """
     rows, cols = z.shape
     out = np.empty((rows, cols), np.float32)
+    done = 0
     for i in prange(rows):
+        done += 1
         for j in range(cols):
             known = True
             for a in range(max(i - 1, 0), min(i + 2, rows)):
                 for b in range(max(j - 1, 0), min(j + 2, cols)):
                     known &= not math.isnan(z[a, b])
             out[i, j] = z[i, j] if known else LOWEST
+    all_done(done, rows)
     return out

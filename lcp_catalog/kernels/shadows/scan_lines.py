@@ -16,6 +16,8 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
+
 LOWEST = np.float32(-1e30)
 FAST = {"contract", "reassoc", "nsz"}  # not nnan: NaN must compare false
 LINES = 512
@@ -61,12 +63,16 @@ def transposed(z):
     """A transposed copy of float32 heights."""
     rows, cols = z.shape
     out = np.empty((cols, rows), np.float32)
-    for tile in prange((cols + TILE - 1) // TILE):
+    tiles = (cols + TILE - 1) // TILE
+    done = 0
+    for tile in prange(tiles):
+        done += 1
         a0, a1 = tile * TILE, min(tile * TILE + TILE, cols)
         for b0 in range(0, rows, TILE):
             for a in range(a0, a1):
                 for b in range(b0, min(b0 + TILE, rows)):
                     out[a, b] = z[b, a]
+    all_done(done, tiles)
     return out
 
 

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
+from ..completion import all_done
 from .scan_lines import TILE, line_range
 
 STEEPER = 1.0 - 1e-5
@@ -28,7 +29,9 @@ def tile_gradients(z):
     rows, cols = z.shape
     shape = ((rows + TILE - 1) // TILE, (cols + TILE - 1) // TILE)
     gradients, holed = np.zeros(shape), np.zeros(shape, np.bool_)
+    done = 0
     for band in prange(shape[0]):
+        done += 1
         for column in range(shape[1]):
             most = 0.0
             for i in range(max(band * TILE - 1, 0), min(band * TILE + TILE, rows - 1)):
@@ -41,6 +44,7 @@ def tile_gradients(z):
                     most = lower if lower > most else most
                     holed[band, column] |= math.isnan(upper + lower)
             gradients[band, column] = math.sqrt(most)
+    all_done(done, shape[0])
     return gradients, holed
 
 
