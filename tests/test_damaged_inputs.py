@@ -30,6 +30,7 @@ FOUND = [
     ("camera", 6745),  # a pixel of 1e-320
     ("image-label-beside", 8502),  # a thousand nested objects
     ("environment", 313),  # light that is too faint for a number
+    ("merged", 2531),  # cells of 1e-320 m
     ("facet", 137),  # a name of thousands of parts: minutes of parsing
 ]
 """Damage (parser, seed) that was not survived."""

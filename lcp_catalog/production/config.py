@@ -496,8 +496,8 @@ class PointConfig:
         at most `SPACING_MAX_M`, but not less than half a patch.
         """
         if self.spacing_m is not None:
-            return max(1, round(self.spacing_m / gsd_m))
-        widest = max(self.half, round(SPACING_MAX_M / gsd_m))
+            return max(1, round(min(self.spacing_m / gsd_m, 2.0**31)))
+        widest = max(self.half, round(min(SPACING_MAX_M / gsd_m, 2.0**31)))
         return min(2 * (self.patch_nodes - 1), widest)
 
 
