@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
-from ..landmarks.relief_signal import directions, log_signal, peak_height, probability_at
+from ..geometry.frames import direction_enu
+from ..landmarks.relief_signal import log_signal, peak_height, probability_at
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
 
@@ -189,7 +190,9 @@ def _interpolated(
     whole = weight.sum(axis=1)
     weight = np.where(known, weight, 0.0)
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
-    gain = signal[:, None] - _grid_signal(catalog, index)
+    gain = signal[:, None] - _grid_signal(
+        catalog, index
+    )  # sigmas fall as relief shows more clearly
     mean_logit = _mean_logit(probability, weight, gain)
     free = UNSHADOWED | UNOCCLUDED
     clear, unshadowed, unoccluded = (
@@ -206,13 +209,8 @@ def _interpolated(
     )
     dependent = np.where(unshadowed <= unoccluded, shadow, occlusion)
     cause = np.select([~enough, ~independent, ~likely], [none, dependent, unlikely])
-    ellipse = _mean_ellipse(
-        given["sigma_major"],
-        given["sigma_minor"],
-        given["sigma_angle"],
-        weight,
-        _mean(gain, weight),
-    )
+    major_m, minor_m = (given[name] * np.exp(-gain) for name in ("sigma_major", "sigma_minor"))
+    ellipse = _mean_ellipse(major_m, minor_m, given["sigma_angle"], weight)
     columns = (np.where(enough, values, np.nan) for values in (_logistic(mean_logit), *ellipse))
     probability, major, minor, angle = columns
     return Prediction(probability, major, minor, angle, cause)
@@ -247,8 +245,8 @@ def _log_signal(catalog: Catalog, sun: Array, view: Array) -> Array:
 def _grid_signal(catalog: Catalog, index: list[Index]) -> Array:
     """The same (n, m) in the evaluated conditions with given indices along the axes."""
     _, at_view, at_elevation, at_azimuth = index
-    suns = directions(catalog.sun_elevation[:, None], catalog.sun_azimuth)
-    views = directions(90.0 - catalog.view_off_nadir, catalog.view_azimuth)
+    suns = direction_enu(catalog.sun_azimuth, catalog.sun_elevation[:, None])
+    views = direction_enu(catalog.view_azimuth, 90.0 - catalog.view_off_nadir)
     table = _log_signal(catalog, suns, views[:, None, None])
     return np.asarray(table[at_view, at_elevation, at_azimuth])
 
@@ -270,11 +268,10 @@ def _mean_logit(probability: Array, weight: Array, gain: Array) -> Array:
 
 
 def _mean_ellipse(
-    major: Array, minor: Array, angle_deg: Array, weight: Array, gain: Array
+    major: Array, minor: Array, angle_deg: Array, weight: Array
 ) -> tuple[Array, Array, Array]:
     """Log-Euclidean mean of error ellipses, (n,) each: the logarithm of a covariance matrix with
-    axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear. Sigmas are
-    inversely proportional to how clearly relief shows (``gain`` (n,): the mean of that of `_mean_logit`).
+    axes a, b and direction t is (log a + log b) I + (log a - log b) R(2t), which is linear.
     """
     weight = np.where(np.isfinite(major) & np.isfinite(angle_deg), weight, 0.0)
     tiny = np.finfo(np.float32).tiny
@@ -284,7 +281,6 @@ def _mean_ellipse(
     terms = ((log_a + log_b) / 2.0, half_gap * np.cos(double), half_gap * np.sin(double))
     with np.errstate(invalid="ignore", divide="ignore"):
         size, cosine, sine = ((t * weight).sum(axis=1) / weight.sum(axis=1) for t in terms)
-    size = size - gain
     gap = np.hypot(cosine, sine)
     return (
         np.exp(size + gap),

@@ -1,5 +1,6 @@
 """Cells between the angles of a catalogue's Suns: what a point needs at a cell's corners to be usable under all
-Suns in it, by the rules of `prediction`.
+Suns in it, by the rules of `prediction`, except that relief shows alike everywhere in a cell (`landmarks.relief_signal`): a cell
+in which the Sun passes behind a camera promises too much.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ angles below 20 deg 0.24 for 0.08; heights say 0.38 and 0.10 (`benchmarks.eviden
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arrays import Array
 
@@ -40,12 +39,6 @@ def log_signal(sun: Array, view: Array, albedo_sigma: float, slope_sigma: float)
     slopes = np.maximum(slopes, _LEAST_SLOPE_SIGNAL)
     noise = np.hypot(albedo_sigma, slope_sigma * slopes)
     return np.log(slopes / noise) if albedo_sigma > 0.0 else np.zeros(slopes.shape)
-
-
-def directions(elevation_deg: ArrayLike, azimuth_deg: ArrayLike) -> Array:
-    """Unit vectors (..., 3) east, north, up of directions."""
-    up, turn = np.broadcast_arrays(np.radians(elevation_deg), np.radians(azimuth_deg))
-    return np.stack([np.cos(up) * np.sin(turn), np.cos(up) * np.cos(turn), np.sin(up)], axis=-1)
 
 
 def peak_height(probability: Array) -> Array:

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import catalogs
+from helpers.twins_relief import by_facets, chance, height
 from scipy.interpolate import LinearNDInterpolator, RegularGridInterpolator
-from scipy.optimize import brentq
-from scipy.stats import norm
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import CAUSES, Prediction, ViewMesh, predict, view_plane
@@ -19,16 +18,6 @@ from lcp_catalog.geometry.frames import direction_enu
 NADIR = [0.0, 0.0, 1.0]
 FLAT = {"albedo_sigma": 0.0}
 """Of an error model without brightness that no map holds: relief shows alike under every Sun."""
-
-
-def height(probability: Any) -> Any:
-    """How far a peak stands above all others, sigmas: 2.2 + 1.1 z, bent towards 0 below 0.3."""
-    return 0.3 * np.log1p(np.exp((2.2 + 1.1 * norm.ppf(probability)) / 0.3))
-
-
-def chance(of_height: Any) -> Any:
-    """The probability of a height."""
-    return np.vectorize(lambda h: brentq(lambda p: height(p) - h, 1e-4, 1.0 - 1e-7, xtol=1e-12))(of_height)  # fmt: skip
 
 
 def everywhere(count: int = 3, seed: int = 4, **spoilt: Any) -> Catalog:
@@ -514,3 +503,30 @@ def test_an_altitude_leaves_it_to_the_nearest_one_and_costs_no_margin() -> None:
         )  # fmt: skip
         assert found.detection_probability[0] == pytest.approx(0.924, abs=1e-6)
         assert found.usable[0]
+
+
+def test_claims_follow_the_signal_between_conditions() -> None:
+    """Straight down, between views of 30 deg to the east and to the west: heights over signals are averaged."""
+    catalog = everywhere(errors=catalogs.ERRORS | {"albedo_sigma": 0.09})
+    assert catalog.view_off_nadir[1:].tolist() == [30.0, 30.0]
+    sun, here = direction_enu(45.0, 75.0), direction_enu(0.0, 90.0)
+    e, a = len(catalog.sun_elevation) - 1, int(np.argmin(np.abs(catalog.sun_azimuth - 45.0)))
+    assert (catalog.sun_elevation[e], catalog.sun_azimuth[a]) == (75.0, 45.0)
+    slope = catalogs.ERRORS["height_sigma_m"] / catalogs.ERRORS["height_length_m"]
+
+    def signal(view: np.ndarray) -> float:
+        slopes = by_facets(sun, view)
+        return float(np.log(slopes / np.hypot(0.09, slope * slopes)))
+
+    ends = [signal(direction_enu(azimuth, 60.0)) for azimuth in catalog.view_azimuth[1:].tolist()]
+    gains = signal(here) - np.array(ends)
+    assert np.abs(gains).max() > 0.1
+    stored = catalog.detection_probability[0, 0, 1:, e, a].astype(float)
+    found = predict(catalog, [0], [sun], [here], [catalogs.GSD_M], catalog.view_altitude[1])
+    want = chance(np.mean(height(stored) * np.exp(gains)))
+    assert found.detection_probability[0] == pytest.approx(want, abs=1e-6)
+    area = np.log(catalog.sigma_major[0, 0, 1:, e, a] * catalog.sigma_minor[0, 0, 1:, e, a])
+    size = np.log(found.sigma_major_m * found.sigma_minor_m)[0]
+    assert size == pytest.approx(
+        np.mean(area) - 2.0 * gains.mean(), abs=1e-5
+    )  # the trace of a logarithm
