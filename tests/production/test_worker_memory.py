@@ -70,14 +70,6 @@ def test_many_conditions_and_close_candidates_take_smaller_areas() -> None:
     assert nodes(suns) < nodes(FINE)
 
 
-@pytest.fixture(scope="module")
-def compiled() -> None:
-    """Kernels that an area needs: their compilation takes memory, too."""
-    with processes(1) as pool:
-        pool.submit(area_peak, Build.plan([DEM], CONFIG).jobs[0]).result()
-
-
-@pytest.mark.usefixtures("compiled")
 def test_a_worker_keeps_its_promise() -> None:
     """Without the promise, an area of 1024 nodes takes 553 MB."""
     build = Build.plan((DEM,), FINE, TIGHT_GB)
@@ -87,12 +79,20 @@ def test_a_worker_keeps_its_promise() -> None:
         in build.recipe.config.to_toml()
     )
     job = max(build.jobs, key=lambda job: job.work)
-    with processes(1) as pool:
-        found = pool.submit(area_peak, job).result()
+    for _ in range(2):  # the first process may compile kernels, which takes memory, too
+        with processes(1) as pool:
+            found = pool.submit(area_peak, job).result()
     assert found.peak_mb < TIGHT_GB * 1e3
     assert found.tiles < 20e6
     stated = area_mb(job.task.window, job.task.lat_deg, build.recipe.config)
     assert stated - 2.0 * MARGIN_MB < found.counted_mb < stated
+
+
+@pytest.fixture(scope="module")
+def compiled() -> None:
+    """Kernels that an area needs: their compilation takes memory, too."""
+    with processes(1) as pool:
+        pool.submit(area_peak, Build.plan([DEM], CONFIG).jobs[0]).result()
 
 
 @pytest.mark.slow
