@@ -17,7 +17,7 @@ Groups = Mapping[str, Sequence[Claims]]
 NAMES = ("probability", "usable", "sigma_m", "angle_deg", "tried", "found", "error_m")
 """Arrays of claims, as they are kept in files."""
 STYLE = (
-    "svg{background:#fff;font:13px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
+    "svg{width:430px;background:#fff;font:13px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
     ".middle{text-anchor:middle}.end{text-anchor:end}.bar{fill:#8aa8cf}.high{fill:#1f5fbf}"
     ".paper{fill:none;stroke:#c05a00;stroke-width:1.5;stroke-dasharray:5 3}.note{fill:#c05a00}.own{fill:#1f5fbf}"
     ".ideal{fill:none;stroke:#999;stroke-dasharray:4 3}.bin path{stroke:#8aa8cf}.bin circle{fill:#1f5fbf}"
