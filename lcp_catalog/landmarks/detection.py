@@ -31,6 +31,8 @@ rho_0 is below 1 where the patch, rendered alone, differs from the patch among t
 
 from __future__ import annotations
 
+from statistics import NormalDist
+
 import numpy as np
 
 from ..arrays import AnyArray, Array, Float32, Mask
@@ -93,10 +95,9 @@ def clearance(prior: float = 0.5) -> float:
     """z, joint sigmas by which the best match must exceed another to be no ambiguous one, for the probability
     ``prior`` before the search that it is the true place.
     """
-    from scipy.special import ndtri
-
     right = AMBIGUOUS * prior
-    return max(0.0, float(ndtri(1.0 - right / (right + (1.0 - AMBIGUOUS) * (1.0 - prior)))))
+    mistake = right / (right + (1.0 - AMBIGUOUS) * (1.0 - prior))
+    return max(0.0, NormalDist().inv_cdf(1.0 - mistake))
 
 
 def settling_probability(match: Registration) -> Array:
