@@ -47,6 +47,12 @@ from .value_types import AZIMUTH, Number
     metavar="DEG",
     help="For .lmk: elevation of the Sun at every point.",
 )
+@click.option(
+    "--image-scale",
+    type=Number(1, 1000),
+    metavar="X",
+    help="For .lcpf: only the claims of this image scale, pixel over cell; default: all.",
+)
 @options.overwrite_option
 def command(
     catalog: str,
@@ -56,6 +62,7 @@ def command(
     level: int | None,
     sun_azimuth: float | None,
     sun_elevation: float | None,
+    image_scale: float | None,
     overwrite: bool,
 ) -> None:
     """Write a catalogue's points in the format of the output's ending.
@@ -67,6 +74,7 @@ def command(
     .lmk            folder of landmark maps of JPL's landmark_tools, version 3
     .spc            folder of landmarks and maplets of stereophotoclinometry
     .bds            SPICE digital shape kernel (DSK), type 2, of a site
+    .lcpf           flight file: fixed layout, for a matcher on board (lcp flight-source)
 
     .parquet, .geojson and .gpkg need the extra gis, .bds the extra spice: pip install 'lcp-catalog[gis,spice]'
     """
@@ -82,6 +90,7 @@ def command(
         level=level,
         sun_azimuth_deg=sun_azimuth,
         sun_elevation_deg=sun_elevation,
+        image_scale=image_scale,
         overwrite=overwrite,
     )
     say(f"{output}: {count} points written, {frame}")

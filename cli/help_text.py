@@ -38,7 +38,7 @@ GROUPS = {
     ),
     "Points": (
         *("--spacing", "--per-view", "--footprint", "--max-points", "--max-bytes", "--search"),
-        *("--noise", "--max", "--min-points"),
+        *("--noise", "--max", "--min-points", "--image-scale"),
     ),
     "What is known before": (
         *("--position-sigma", "--attitude-sigma", "--height-sigma", "--map-sigma"),

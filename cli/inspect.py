@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from lcp_catalog.choices import FLIGHT
+
 from .files import FileCommand, require_inputs
 from .messages import EXIT_NO, echo
 from .options import catalog_argument
@@ -16,25 +18,33 @@ from .options import catalog_argument
 @catalog_argument
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 def command(catalog: str, as_json: bool) -> int:
-    """Show the contents of a catalogue and check its integrity.
+    """Show the contents of a catalogue, or of a flight file (.lcpf), and check its integrity.
 
     Reads every dataset and checks its checksum, shape and values. The exit code is 4 if there is a
     problem. The usable share is that of all evaluated conditions.
     """
-    from lcp_catalog.catalog.summary import describe
-
     require_inputs(click.get_current_context())
-    found = describe(catalog)
+    found = _described(catalog)
     echo(json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found))
     return 0 if found["intact"] else EXIT_NO
 
 
+def _described(path: str) -> dict[str, Any]:
+    from lcp_catalog.catalog.summary import describe
+    from lcp_catalog.exports.flight import describe_flight
+
+    return describe_flight(path) if path.lower().endswith(FLIGHT) else describe(path)
+
+
 def _text(path: str, found: dict[str, Any]) -> str:
     from lcp_catalog.catalog.summary import summary_rows
+    from lcp_catalog.exports.flight import flight_rows
 
     lines = [f"{path}: {'intact' if found['intact'] else 'NOT INTACT'}"]
     lines += [f"  {problem}" for problem in found["problems"]]
-    if found["points"] is not None:
+    if found["points"] is not None and path.lower().endswith(FLIGHT):
+        lines += [f"{name:14} {text}" for name, text in flight_rows(found)]
+    elif found["points"] is not None:
         lines[0] += f", schema {found['schema_version']}, made by {found['software']}"
         lines += [f"{name:14} {text}" for name, text in summary_rows(found)]
         files = found["sources"] + (found["albedo"]["files"] if found["albedo"] else [])

@@ -52,8 +52,11 @@ PNG, TIFF = (".png",), (".tif", ".tiff")
 POINT_ENDINGS, CHART_ENDINGS = (".csv", ".geojson"), (".svg", ".html")
 """Endings of the files that `lcp query` writes: the points of a frame, the chart of a trajectory."""
 
-EXPORTS = (".csv", ".parquet", ".geojson", ".gpkg", ".gcp", ".lmk", ".spc", ".bds")
+EXPORTS = (".csv", ".parquet", ".geojson", ".gpkg", ".gcp", ".lmk", ".spc", ".bds", ".lcpf")
 """Endings of the files that `lcp export` writes."""
+
+FLIGHT = ".lcpf"
+"""Ending of a flight file."""
 
 EXPORT_FOLDERS = (".lmk", ".spc")
 """Exports that are folders."""

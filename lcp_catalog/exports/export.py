@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ..atomic_files import folder_aside, write_aside
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
-from ..choices import EXPORT_FOLDERS, EXPORTS
+from ..choices import EXPORT_FOLDERS, EXPORTS, FLIGHT
 from ..constants import FRAME
 from ..errors import ConfigError
 from ..geometry.bounds import Bounds
 from .frames import frame_named
 from .points import ExportedPoints
+
+if TYPE_CHECKING:
+    from .flight import KeptConditions
 
 _WRITERS = {
     ".csv": ("tables", "write_csv"),
@@ -24,6 +31,7 @@ _WRITERS = {
     ".lmk": ("landmarks", "write_landmark_maps"),
     ".spc": ("landmarks", "write_spc"),
     ".bds": ("dsk", "write_dsk"),
+    ".lcpf": ("flight", "write_flight"),
 }
 """Module and function of each of `choices.EXPORTS`; imported when it is used."""
 
@@ -37,6 +45,8 @@ def export(
     level: int | None = None,
     sun_azimuth_deg: float | None = None,
     sun_elevation_deg: float | None = None,
+    image_scale: float | None = None,
+    conditions: KeptConditions | None = None,
     overwrite: bool = False,
 ) -> int:
     """Write points of a catalogue in the format of the output's ending.
@@ -57,6 +67,10 @@ def export(
     sun_azimuth_deg, sun_elevation_deg:
         For ``.lmk``: the Sun at every point, degrees clockwise from north and above the horizontal
         plane.
+    image_scale:
+        For ``.lcpf``: the claims of this image scale of the catalogue alone; None: of all.
+    conditions:
+        For ``.lcpf``: the points, Suns and views to keep (`navigation.descent`); None: all.
     overwrite:
         True: replace an existing output.
 
@@ -68,7 +82,8 @@ def export(
     Raises
     ------
     ConfigError
-        For another ending, a frame that is not known, or a Sun for a format without one.
+        For another ending, a frame that is not known, a Sun or an image scale for a format without
+        one, or an image scale that the catalogue does not have.
     AreaError
         For a choice without points.
     MissingPackageError
@@ -89,6 +104,8 @@ def export(
         raise ConfigError(f"{output}: the ending must be one of {' '.join(EXPORTS)}")
     if sun_deg is not None and ending != ".lmk":
         raise ConfigError(f"{output}: a Sun lights .lmk maps only")
+    if (image_scale is not None or conditions is not None) and ending != FLIGHT:
+        raise ConfigError(f"{output}: image scales and conditions are chosen for .lcpf files only")
     axes, box = frame_named(frame), None
     if bounds is not None:
         west, south, east, north = bounds
@@ -97,10 +114,27 @@ def export(
     aside = folder_aside if ending in EXPORT_FOLDERS else write_aside
     with aside(output, overwrite, [] if read is None else [read]) as path:
         points = ExportedPoints.chosen(opened_catalog(catalog), axes, box, level)
+        if conditions is not None:
+            points = replace(points, rows=np.intersect1d(points.rows, conditions.rows))
         module, function = _WRITERS[ending]
         write = getattr(import_module(f"{__package__}.{module}"), function)
-        write(points, path, *([] if sun_deg is None else [sun_deg]))
+        if ending == FLIGHT:
+            write(points, path, conditions, _scale(points.catalog, image_scale))
+        else:
+            write(points, path, *([] if sun_deg is None else [sun_deg]))
     return len(points)
+
+
+def _scale(catalog: Catalog, wanted: float | None) -> int | None:
+    """Index of an image scale of the catalogue; None for None."""
+    if wanted is None:
+        return None
+    scales = np.asarray(catalog.image_scale, np.float64)
+    near = np.flatnonzero(np.abs(scales - wanted) <= 1e-3 * wanted)
+    if not len(near):
+        known = ", ".join(f"{one:g}" for one in scales)
+        raise ConfigError(f"`image_scale` {wanted:g} is not one of the catalogue's: {known}")
+    return int(near[0])
 
 
 def _sun(azimuth_deg: float | None, elevation_deg: float | None) -> tuple[float, float] | None:
