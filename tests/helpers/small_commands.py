@@ -15,6 +15,7 @@ from lcp_cli.main import run
 
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.choices import EXPORTS
+from lcp_catalog.exports.export import export
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 
 from . import archive_files, catalogs, merges, navigable, posed, products, real_heights, twins_match
@@ -64,6 +65,7 @@ COMMANDS = {
     "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),
     "build-catalog --jobs 2": Words(f"{_BUILD} --jobs 2", again="--resume --overwrite", cold=True),
     "inspect": Words("inspect full.h5", again="", verdict=True),
+    "inspect .lcpf": Words("inspect site.lcpf", again="", verdict=True),
     "report": Words("report full.h5 -o r.html"),
     "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {_SUN}"),
     "diff": Words("diff west.h5 east.h5 -o d.csv"),
@@ -93,6 +95,7 @@ def prepare(folder: Path, names: Iterable[str] = COMMANDS) -> None:
     )
     (folder / "build.toml").write_text(BUILD)
     write_catalog(catalogs.full(6), folder / "full.h5")
+    export(folder / "full.h5", folder / "site.lcpf")
     every = merges.whole(16)
     for name, (west, east) in {"west": (2.1, 3.7), "east": (3.3, 4.9)}.items():
         write_catalog(merges.part(every, west, east), folder / f"{name}.h5")
