@@ -133,14 +133,17 @@ def dimensions(dataset: h5py.Dataset, names: dict[int, str]) -> tuple[str, ...]:
     """
     if dataset.is_scale:
         return (_name(dataset.id),)
-    found = []
-    for axis in range(len(dataset.shape)):
-        scales: list[
-            Any
-        ] = []  # the first alone; h5py breaks on an error in the function that it calls
-        if h5py.h5ds.get_num_scales(dataset.id, axis):
-            h5py.h5ds.iterate(dataset.id, axis, lambda one, into=scales: into.append(one) or 1, 0)
-        found.append(_known_name(scales[0], names) if scales else "?")
+    found = ["?"] * len(dataset.shape)
+    if not h5py.h5a.exists(dataset.id, b"DIMENSION_LIST"):
+        return tuple(found)
+    # not by h5py.h5ds.iterate: where HDF5 2.0.0 cannot read the list, it frees what it has not filled, for ever
+    stored = h5py.h5a.open(dataset.id, b"DIMENSION_LIST")
+    lists = np.empty(len(found), h5py.vlen_dtype(h5py.ref_dtype))
+    if stored.shape == lists.shape:
+        stored.read(lists)
+        for axis, scales in enumerate(lists):
+            if len(scales):
+                found[axis] = _known_name(h5py.h5r.dereference(scales[0], dataset.id), names)
     return tuple(found)
 
 
