@@ -30,6 +30,7 @@ COMMANDS = {
     "report": ("report", "Write a catalogue report as one self-contained HTML page."),
     "diff": ("diff", "Compare two catalogues point by point."),
     "export": ("export", "Write a catalogue's points in the formats of other programs."),
+    "flight-source": ("flight_source", "Write the C reference of the flight file (.lcpf)."),
     "merge": ("merge", "Join catalogues of neighbouring regions or of several cell sizes."),
     "validate": (
         "validate",

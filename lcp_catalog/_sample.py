@@ -1,4 +1,6 @@
-"""The sample data: a DEM, an albedo map, a photograph with its camera, and what builds a catalogue of them."""
+"""Files that the package hands out: the sample data (a DEM, an albedo map, a photograph with its camera, and what builds a
+catalogue of them), and the C reference of the flight file with its test vector.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +22,12 @@ SAMPLE_FILES = (
 )
 """Files of the sample; `PROVENANCE.txt` states source and licence of each datum."""
 
+FLIGHT_FILES = (
+    *("Makefile", "lcpf.h", "lcpf.c", "lcpf_example.c", "lcpf_fuzz.c"),
+    *("vector.lcpf", "vector.pgm", "vector_camera.txt", "vector_expected.txt"),
+)
+"""Files of the C reference."""
+
 
 def sample_folder() -> Path:
     """Folder with the sample data: in the installed package or, for a checkout, beside the package."""
@@ -29,17 +37,29 @@ def sample_folder() -> Path:
 
 
 def write_sample(folder: Path, overwrite: bool = False) -> tuple[Path, ...]:
-    """Write the files of the sample into a folder, which is created if missing.
+    """Write the files of the sample into a folder (`_written`)."""
+    return _written(sample_folder(), SAMPLE_FILES, folder, overwrite)
+
+
+def write_flight_source(folder: Path, overwrite: bool = False) -> tuple[Path, ...]:
+    """Write the C reference of the flight file into a folder (`_written`)."""
+    source = Path(__file__).resolve().parent / "flight"
+    return _written(source, FLIGHT_FILES, folder, overwrite)
+
+
+def _written(
+    source: Path, files: tuple[str, ...], folder: Path, overwrite: bool
+) -> tuple[Path, ...]:
+    """Write files of the package into a folder, which is created if missing.
 
     The paths that were written. Nothing is written if one of the files exists (OutputExistsError, unless
     ``overwrite``) or no folder can be at that place (OutputError).
     """
-    source = sample_folder()
-    for part in sorted({Path(name).parent for name in SAMPLE_FILES}):
-        names = [Path(name).name for name in SAMPLE_FILES if Path(name).parent == part]
+    for part in sorted({Path(name).parent for name in files}):
+        names = [Path(name).name for name in files if Path(name).parent == part]
         if (folder / part).exists() or part == Path():
             check_folder(folder / part, names, overwrite)
-    for name in SAMPLE_FILES:
+    for name in files:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_bytes(folder / name, (source / name).read_bytes(), overwrite)
-    return tuple(folder / name for name in SAMPLE_FILES)
+    return tuple(folder / name for name in files)

@@ -171,5 +171,6 @@ def test_every_data_file_is_installed() -> None:
         if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
     }
     assert there == found
-    assert {path.suffix for path in found} == {".j2", ".css", ".js", ".typed"}
+    flight = {"", ".h", ".c", ".lcpf", ".pgm", ".txt"}
+    assert {path.suffix for path in found} == {".j2", ".css", ".js", ".typed", *flight}
     assert ROOT / "lcp_catalog" / "py.typed" in found

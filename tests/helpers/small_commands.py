@@ -70,6 +70,7 @@ COMMANDS = {
     "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {_SUN}"),
     "diff": Words("diff west.h5 east.h5 -o d.csv"),
     **{f"export {ending}": Words(f"export full.h5 -o out{ending}", together=True) for ending in EXPORTS},
+    "flight-source": Words("flight-source -o src"),
     "merge": Words("merge west.h5 east.h5 -o m.h5"),
     "validate": Words("validate patches.h5 frame.png --camera frame.json --dem dem.tif --attitude-sigma 0 -o v"),
     "fit-reflectance": Words("fit-reflectance paint.csv -o paint.toml --chart paint.svg"),

@@ -1,0 +1,218 @@
+"""The C reference of the flight file: compiled with every warning an error, beside Python point by point, and under
+sanitizers. `make flight` compares 1000 points of frames.
+"""
+
+from __future__ import annotations
+
+import copy
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import flight_c, flight_vector
+from helpers.flight_c import CODES, SOURCE, Frame, Reference
+from lcp_cli.main import run
+
+from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.exports.export import export
+from lcp_catalog.exports.flight import FlightFile, stored
+from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.images.image_file import open_image
+from lcp_catalog.matching.point_choice import points_in_view
+from lcp_catalog.matching.point_search import SearchImage
+from lcp_catalog.photometry.laws import surface_law
+
+pytestmark = pytest.mark.skipif(flight_c.COMPILER is None, reason="no C compiler is installed")
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("flight")
+
+
+@pytest.fixture(scope="module")
+def catalog():
+    return flight_vector.site(5, 0.14)
+
+
+@pytest.fixture(scope="module")
+def reference(folder: Path, catalog) -> Reference:
+    export(catalog, folder / "site.lcpf")
+    made = Reference(folder)
+    assert CODES[made.open((folder / "site.lcpf").read_bytes())] == "OK"
+    assert made.call("lcpf_check", made.file) == 0
+    return made
+
+
+@pytest.fixture(scope="module")
+def numbers(folder: Path, catalog, reference) -> np.ndarray:
+    """The number in the file of each row of the catalogue."""
+    ids = FlightFile.of(folder / "site.lcpf").points["point_id"]
+    order = np.argsort(ids)
+    return order[np.searchsorted(ids[order], catalog.point_id)]
+
+
+def _photograph() -> Frame:
+    camera = read_camera(SAMPLE / "AS15-M-0414_camera.json")
+    return Frame.of(SearchImage.of(open_image(SAMPLE / "AS15-M-0414.png", camera)), camera)
+
+
+def _simulated(folder: Path) -> Frame:
+    place = EnuFrame(*flight_vector.CENTRE, -1500.0)
+    camera = flight_c.bent(place, 80e3, 35.0, 200.0, 20.0, 450.0, (170, 160))
+    camera, grey = flight_vector.simulated(camera, (52.0, -1.0), 237.0, folder)
+    known = camera.moved([60.0, -40.0, 30.0, 1e-3, -2e-3, 1e-3])
+    return Frame.of(flight_vector.searched(grey, known), known)
+
+
+@pytest.fixture(scope="module")
+def decoded(folder: Path, catalog, numbers) -> Catalog:
+    """The catalogue with the heights as the file has them."""
+    heights = stored(FlightFile.of(folder / "site.lcpf").points, "heights")
+    out = copy.copy(catalog)
+    vars(out)["dem"] = heights[numbers].astype(np.float32)
+    return out
+
+
+@pytest.mark.parametrize("kind", ["photograph", "simulated"])
+def test_it_finds_what_python_finds(
+    kind: str, catalog, decoded, reference, numbers, folder: Path
+) -> None:
+    """With the heights of the file to the last digits that matter, with those of the catalogue within the rounding."""
+    frame = _photograph() if kind == "photograph" else _simulated(folder)
+    law = "lunar-lambert" if kind == "photograph" else "lommel-seeliger"
+    every = range(len(catalog))
+
+    def against(given: Catalog, rows: Sequence[int]) -> list[flight_c.Difference]:
+        return [
+            flight_c.difference(reference, int(numbers[row]), frame, given, row, law, 32)
+            for row in rows
+        ]
+
+    for one in against(decoded, every[::2]):
+        assert one.found == (one.code == 0)
+        assert not one.render_share > 1e-5
+        assert not one.match_px > 1e-4
+        assert not one.covariance_share > 1e-4
+    all_ = against(catalog, every)
+    both = [one for one in all_ if np.isfinite(one.match_px)]
+    assert len(both) >= 15
+    assert sum(one.found != (one.code == 0) for one in all_) <= 1  # at a limit of a rule
+    assert np.sqrt(np.mean([one.render_share**2 for one in both])) < 0.005
+    assert np.sqrt(np.mean([one.match_px**2 for one in both])) <= 0.01
+    assert max(one.covariance_share for one in both) <= 0.02
+    if kind == "photograph":
+        return  # too few of 25 places chosen blindly are found in it for a position
+    rows = flight_c.agreeing(all_)
+    pixels = np.array([all_[row].match["pixel"] for row in rows])
+    covariances = np.array([all_[row].match["covariance"] for row in rows])
+    places = catalog.position_mcmf[rows]
+    assert len(rows) >= 6
+    code, found, six = flight_c.position(reference, frame, places, pixels, covariances)
+    pose = flight_vector.solved(frame.sensor, places, pixels, covariances)
+    assert CODES[code] == "OK"
+    assert np.linalg.norm(found - pose.position_mcmf_m) <= 0.05 * pose.position_sigma_m
+    np.testing.assert_allclose(six, pose.position_covariance_m2, rtol=0.01, atol=0.01 * six.max())
+
+
+def test_points_in_view_and_their_claims(catalog, reference, folder: Path) -> None:
+    """Claims at a Sun of the grid are those of the catalogue; between Suns none is better than its neighbours."""
+    frame = _photograph()
+    stored = FlightFile.of(folder / "site.lcpf").points["point_id"]
+    claims = reference.in_view(frame.camera, 100)
+    row_of = {int(point_id): row for row, point_id in enumerate(catalog.point_id)}
+    rows = [row_of[int(stored[k])] for k in claims["point"]]
+    assert sorted(rows) == points_in_view(catalog, frame.sensor).tolist()
+    np.testing.assert_allclose(
+        claims["pixel"], frame.sensor.project(catalog.position_mcmf[rows]), atol=1e-9
+    )
+    camera = flight_c.camera_record(frame.sensor)
+    known = np.argwhere(np.isfinite(catalog.detection_probability[rows[0], 1, 0]))
+    e, a = known[len(known) // 2]
+    up = np.radians([catalog.sun_elevation[e], catalog.sun_azimuth[a]])
+    enu = [np.cos(up[0]) * np.sin(up[1]), np.cos(up[0]) * np.cos(up[1]), np.sin(up[0])]
+    row = rows[0]
+    sun = np.array(enu) @ catalog.rotation_mcmf_to_enu[row]
+    camera["sun"] = catalog.position_mcmf[row] + 1.5e11 * sun
+    [one] = [c for c in reference.in_view(camera, 100) if row_of[int(stored[c["point"]])] == row]
+    scale = int(np.searchsorted(catalog.image_scale, one["pixel_size"] / catalog.gsd[row]))
+    stated = [catalog.detection_probability, catalog.sigma_major, catalog.sigma_minor]
+    probability, major, minor = (float(values[row, scale, 0, e, a]) for values in stated)
+    assert one["probability"] == pytest.approx(probability, abs=0.002)
+    np.testing.assert_allclose(one["sigma"], [major, minor], rtol=0.03)
+    few = reference.in_view(camera, 5)
+    best = np.sort(np.nan_to_num(reference.in_view(camera, 100)["probability"]))[-5:]
+    np.testing.assert_allclose(np.sort(np.nan_to_num(few["probability"])), best)
+
+
+def test_a_damaged_file_is_refused(reference, folder: Path) -> None:
+    content = (folder / "site.lcpf").read_bytes()
+    rng = np.random.default_rng(3)
+    other = copy.copy(reference)
+    other.file = np.zeros((), flight_c.FILE)
+    for place in [0, 9, 20, 40, 60, 190, 300, *rng.integers(192, len(content), 20)]:
+        wrong = bytearray(content)
+        wrong[place] ^= 1 << int(rng.integers(8))
+        code = other.open(bytes(wrong))
+        assert CODES[code or other.call("lcpf_check", other.file)] in ("DAMAGED", "NOT_A_FILE")
+    assert CODES[other.open(content[:-1])] == "DAMAGED"
+    assert CODES[other.open(content[:100])] == "NOT_A_FILE"
+
+
+def test_its_law_is_ours(reference) -> None:
+    np.testing.assert_allclose(reference.law(True)["number"], surface_law("sp-mid"), rtol=1e-15)
+
+
+def test_its_source_stays_small() -> None:
+    lines = sum(len((SOURCE / name).read_text().splitlines()) for name in ("lcpf.h", "lcpf.c"))
+    assert lines < 1200
+    text = (SOURCE / "lcpf.c").read_text()
+    includes = [line for line in text.splitlines() if line.startswith("#include")]
+    assert includes == ['#include "lcpf.h"', "#include <math.h>", "#include <string.h>"]
+    for word in ("malloc", "free(", "printf", "memset", "goto", "while (1", "for (;;"):
+        assert word not in text
+
+
+def test_its_own_vector(tmp_path: Path) -> None:
+    """`lcp flight-source`, `make test`; with a wrong place expected it fails."""
+    out = tmp_path / "src"
+    assert run(["flight-source", "-o", str(out)]) == 0
+    make = ["make", "-C", str(out), "test", f"CC={flight_c.COMPILER}"]
+    assert subprocess.run(make, check=False, capture_output=True).returncode == 0
+    expected = out / "vector_expected.txt"
+    first, *others = expected.read_text().splitlines()
+    number, column, row = first.split()
+    lines = [f"{number} {float(column) + 0.05} {row}", *others]
+    expected.write_text("\n".join(lines) + "\n")
+    done = subprocess.run(make, check=False, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "FAILED: 9 of 9 places, largest difference 0.05" in done.stdout
+
+
+def test_it_survives_under_sanitizers(tmp_path: Path) -> None:
+    """`make fuzz` runs 10^6 files and 10^5 images."""
+    flags = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    program = flight_c.compiled([SOURCE / "lcpf_fuzz.c"], tmp_path / "fuzz", *flags)
+    words = [str(program), str(SOURCE / "vector.lcpf"), "2000", "60"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    files, images = (
+        [int(word) for word in line.split(": ")[1].split()]
+        for line in done.stdout.replace("code:", "code: ").splitlines()
+    )
+    assert sum(files) == 2000
+    assert min(files[:4]) > 0  # right, no file, damaged, too large
+    assert sum(images) == 60
+    full = flight_c.compiled(
+        [SOURCE / "lcpf_example.c", SOURCE / "lcpf.c"], tmp_path / "example", *flags
+    )
+    inputs = [
+        str(SOURCE / name)
+        for name in ("vector.lcpf", "vector_camera.txt", "vector.pgm", "vector_expected.txt")
+    ]
+    done = subprocess.run([str(full), *inputs], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
