@@ -393,6 +393,11 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
     echo(_plan_text(document, workers))
     if share is not None:
         echo(f"claims for {100.0 * share:.0f} % of the camera's pixels, by the views")
+    if worth := document.get("albedo_worth"):
+        told = "; ".join(
+            f"{one['sun_elevation']:g} deg {one['usable']:g} ({one['without']:g})" for one in worth
+        )
+        echo(f"usable candidates of one area by Sun, in brackets without the albedo map: {told}")
     if click.get_current_context().find_root().params.get("verbose"):
         for level in document.get("levels", ()):
             echo(

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
 
+from lcp_catalog.choices import NO_MAP
 from lcp_catalog.errors import NAMED
 from lcp_catalog.fields import Meaning, meanings
 from lcp_catalog.production.config import BuildConfig
 
-from .files import RASTER, InputFile, config_files
+from .files import BRIGHTNESS, RASTER, InputFile, config_files
 from .groups import Decorator, collected, option_group
 from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number, ParamType
 
@@ -133,7 +134,7 @@ OPTIONS = {
     "model.reflectance": Spelling("--reflectance", None, LAW),
     "model.accuracy": Spelling("--accuracy"),
     "model.tolerance": Spelling("--tolerance", "T"),
-    "model.albedo": Spelling("--albedo", "MAP", RASTER),
+    "model.albedo": Spelling("--albedo", "MAP|moon|none", BRIGHTNESS),
     "model.albedo_encoding": Spelling("--albedo-encoding"),
     "model.albedo_reference": Spelling("--albedo-reference", "V"),
     "errors.sensor_noise": Spelling("--noise", "SHARE"),
@@ -258,7 +259,12 @@ def model_config(
     from lcp_catalog.production.config import ModelConfig
 
     return ModelConfig(
-        reflectance or AUTO_LAW, albedo, albedo_encoding, albedo_reference, accuracy, tolerance
+        reflectance or AUTO_LAW,
+        albedo or NO_MAP,
+        albedo_encoding,
+        albedo_reference,
+        accuracy,
+        tolerance,
     )
 
 
@@ -267,7 +273,17 @@ SWEEP = ("sun.azimuths_deg", "sun.elevations_deg")
 POINTS = (*(name for name in OPTIONS if name.startswith("points.")), "errors.sensor_noise")
 ACCURACY = ("model.accuracy", "model.tolerance")
 ALBEDO = ("model.albedo", "model.albedo_encoding", "model.albedo_reference")
-MODEL = ("model.reflectance", *ACCURACY, *ALBEDO)
 
-model_options = collected("model", model_config, *map(field_option, MODEL))
+
+def image_model(law: Decorator) -> Decorator:
+    """Options of the model of an image, with the ``law``, which a command gets as ``model``. An image shows the relief
+    alone unless an albedo map is named.
+    """
+    bright = field_option("model.albedo", NO_MAP)
+    return collected(
+        "model", model_config, law, bright, *map(field_option, (*ACCURACY, *ALBEDO[1:]))
+    )
+
+
+model_options = image_model(field_option("model.reflectance"))
 """Reflectance, accuracy and albedo of a single image, which a command gets as ``model``."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 
+from lcp_catalog.choices import MOON_MAP, NO_MAP
 from lcp_catalog.errors import ConfigError, InputError
 
 from .help_text import write_example, write_options
@@ -280,3 +281,13 @@ def config_files(path: str) -> Iterator[Path]:
 
 RASTER = InputFile(raster_files)
 """A DEM, an image or a map."""
+
+
+class _Brightness(InputFile):
+    """An albedo map, or a word for the package's own or for none, which is no file of the command."""
+
+    def inputs(self, value: str) -> Iterator[Path]:
+        return iter(()) if value in (MOON_MAP, NO_MAP) else super().inputs(value)
+
+
+BRIGHTNESS = _Brightness(raster_files)

@@ -117,9 +117,8 @@ def albedo_map(
     model: ModelConfig, read: Callable[[str, str | None, float | None], Map]
 ) -> Map | None:
     """The albedo map of a model, opened by ``read``; None without one."""
-    if model.albedo is None:
-        return None
-    return read(model.albedo, model.albedo_encoding, model.albedo_reference)
+    path = model.albedo_file
+    return None if path is None else read(str(path), model.albedo_encoding, model.albedo_reference)
 
 
 def check_outputs(overwrite: bool, *outputs: str | None) -> None:

@@ -197,7 +197,7 @@ def command(
         simulate,
     )
 
-    lone_catalog(source, gsd_m, model.albedo, bounce == "on", product_order)
+    lone_catalog(source, gsd_m, model.albedo_file, bounce == "on", product_order)
 
     seen = camera.open(center_deg, altitude_km, plane=True)
     assert seen is not None

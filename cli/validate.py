@@ -11,10 +11,9 @@ import click
 from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
-from .build_options import ACCURACY, ALBEDO, field_option, model_config
+from .build_options import field_option, image_model
 from .environment_options import EnvironmentOptions, environment_options
 from .files import RASTER, FileCommand, InputFile, OutputFile
-from .groups import collected
 from .messages import EXIT_NO, echo, say
 from .names import in_options
 from .progress import progress
@@ -63,12 +62,7 @@ def _written(folder: str) -> Iterator[Path]:
     "area.gsd_m",
     "the effective resolution of --dem, estimated from its heights, or the cell size of the patches",
 )
-@collected(
-    "model",
-    model_config,
-    field_option("model.reflectance", VALIDATION_LAW, default=VALIDATION_LAW),
-    *map(field_option, (*ACCURACY, *ALBEDO)),
-)
+@image_model(field_option("model.reflectance", VALIDATION_LAW, default=VALIDATION_LAW))
 @click.option(
     "--position-sigma",
     "position_sigma_km",

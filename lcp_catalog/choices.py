@@ -27,6 +27,9 @@ ENCODINGS = ("linear", "srgb")
 """Encodings of the pixel values of an albedo map or an image: proportional to brightness, or sRGB codes.
 The first is the default."""
 
+MOON_MAP, NO_MAP = "moon", "none"
+"""In place of an albedo map's file: the package's own map of the whole Moon, and no map."""
+
 SURFACES = ("auto", "heightfield", "sphere")
 """Surfaces of a render: the DEM's heights or the plain sphere; ``auto``: the sphere where relief changes
 less than the accuracy admits."""

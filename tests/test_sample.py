@@ -108,7 +108,12 @@ def test_the_wheel_holds_the_library_the_commands_and_the_sample(wheel: Path) ->
     tops = {name.split("/")[0] for name in names}
     assert tops == {"lcp_catalog", "lcp_cli", f"lcp_catalog-{lcp_catalog.__version__}.dist-info"}
     licences = {name.split("licenses/")[1] for name in names if "licenses/" in name}
-    assert licences == {"LICENSE", "sample_data/PROVENANCE.txt"}
+    assert licences == {
+        "LICENSE",
+        "sample_data/PROVENANCE.txt",
+        "lcp_catalog/photometry/moon_map.txt",
+    }
+    assert "lcp_catalog/photometry/moon_albedo_643nm_11ppd.tif" in names
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import rasterio
 from rasterio.transform import from_origin
 
 from benchmarks.places import CONFIG, DEM
+from lcp_catalog.choices import NO_MAP
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.production.area_job import AreaJob
@@ -42,7 +43,7 @@ class Case:
         if self.polar:
             area = dataclasses.replace(area, center_deg=self.place_deg, size_km=60.0)
             model = dataclasses.replace(
-                model, albedo=None, albedo_encoding=None, albedo_reference=None
+                model, albedo=NO_MAP, albedo_encoding=None, albedo_reference=None
             )
         if self.elevations_deg:
             sun = dataclasses.replace(sun, elevations_deg=self.elevations_deg)

@@ -42,6 +42,7 @@ from ..kernels.resampling import heights
 from ..terrain.area import Area
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
+from . import moon_map
 from .srgb import decode_srgb, luminance
 
 log = logging.getLogger(__name__)
@@ -267,12 +268,15 @@ class AlbedoMap:
         stereographic or degrees); ``encoding`` is one of `choices.ENCODINGS` (None: linear, with a
         warning for a probable display image). AlbedoError if it cannot be used.
 
-        Without a ``reference`` every pixel is read once for the mean.
+        Without a ``reference`` every pixel is read once for the mean, except of the package's own map,
+        which the word ``moon`` names, too.
         """
         check_reading(encoding, reference)
-        pixels = open_pixels(Path(path), encoding)
-        value = mean_value(pixels) if reference is None else float(reference)
-        return cls.over(pixels, value, reference is None)
+        pixels = open_pixels(_file(path), encoding)
+        value = reference
+        if value is None:
+            value = moon_map.MEAN if pixels.path == moon_map.FILE else mean_value(pixels)
+        return cls.over(pixels, float(value), reference is None)
 
     @classmethod
     def over(cls, pixels: AlbedoPixels, reference: float, is_mean: bool) -> AlbedoMap:
@@ -306,14 +310,15 @@ class AlbedoMap:
         return self.pixels.files
 
     def describe(self) -> dict[str, Any]:
-        """Values for a result's metadata; without folders."""
+        """Values for a result's metadata; without folders. Of the package's own map also version and licence."""
         how = "mean of the map" if self.reference_is_mean else "stated"
+        origin = moon_map.ORIGIN if self.pixels.path == moon_map.FILE else {}
         return {
             "name": self.name,
             "encoding": self.encoding,
             "reference": self.reference,
             "reference_is": how,
-        }
+        } | origin
 
     def provenance(self) -> dict[str, Any]:
         """`describe`, with name, size and SHA-256 of every file."""
@@ -523,13 +528,21 @@ class ColourMap:
         return self.bands[0].check_cover(cover, where)
 
 
+def _file(name: Path | str) -> Path:
+    """The file of a map (`moon_map.map_file`); AlbedoError for the word that means none."""
+    path = moon_map.map_file(name)
+    if path is None:
+        raise AlbedoError(f"{name}: means no albedo map; leave it out")
+    return path
+
+
 def open_map(
     path: Path | str, encoding: str | None = None, reference: float | None = None
 ) -> AlbedoMap | ColourMap:
     """The map of a raster: in colour if it has red, green and blue, or three bands; else its first
     band. AlbedoError if it cannot be used.
     """
-    bands = colour_bands(Path(path))
+    bands = colour_bands(_file(path))
     if bands:
         return ColourMap.open(path, bands, encoding, reference)
     return AlbedoMap.open(path, encoding, reference)
@@ -541,7 +554,7 @@ def open_grey_map(
     """The first band of a raster, as `AlbedoMap.open`; AlbedoError for one that `open_map` opens in
     colour.
     """
-    if colour_bands(Path(path)):
+    if colour_bands(_file(path)):
         raise AlbedoError(
             f"{path}: has three bands, which lcp render takes as red, green and blue; a frame has one: "
             "choose a band first (gdal_translate -b 1)"

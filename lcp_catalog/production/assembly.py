@@ -127,6 +127,8 @@ class Assembly:
         overview = region_overview(recipe.dems, recipe.region, config.gsd_m)
         resolved = _resolved(recipe)
         files = recipe.dems.sources()
+        bright = recipe.albedo.provenance() if recipe.albedo else None
+        named = [*files, *(bright["files"] if bright else [])]
         none = np.zeros(0, record_type(config))
         empty = self._values(np.zeros(0, [("lon_deg", "<f8"), ("lat_deg", "<f8")]), none)
         columns: dict[str, Any] = {
@@ -142,9 +144,9 @@ class Assembly:
             view_azimuth=np.array(view.azimuth_deg),
             view_altitude=np.array(view.altitude_km),
             config=resolved.to_toml(),
-            history=f"build of {', '.join(str(one['name']) for one in files)} with {resolved.in_one_line()}",
+            history=f"build of {', '.join(str(one['name']) for one in named)} with {resolved.in_one_line()}",
             sources=files,
-            albedo_map=recipe.albedo.provenance() if recipe.albedo else None,
+            albedo_map=bright,
             scene_plan=plan.to_json(),
             errors=recipe.errors.to_dict() | {"min_detection": config.points.min_detection},
             sigma_step_m=sigma_step_m(np.array([config.gsd_m])),

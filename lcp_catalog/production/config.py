@@ -17,9 +17,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from ..accuracy import DEFAULT_TIER, TIERS, Accuracy, accuracy
-from ..choices import AUTO_LAW, ENCODINGS, GSD_MAX_M, LEVEL_RATIO, REFLECTANCE_MODELS
+from ..choices import (
+    AUTO_LAW,
+    ENCODINGS,
+    GSD_MAX_M,
+    LEVEL_RATIO,
+    MOON_MAP,
+    NO_MAP,
+    REFLECTANCE_MODELS,
+)
 from ..errors import ConfigError, plain, unread
 from ..fields import check_fields, meanings, meant
+from ..photometry.moon_map import map_file
 from ..toml_files import dataclass_of, parse_toml
 
 if TYPE_CHECKING:
@@ -511,11 +520,12 @@ class ModelConfig:
         "hapke:wac-643-mare or minnaert:0.7.",
         default=f"{AUTO_LAW}, chosen by the phase angles of the scene",  # `photometry.laws`
     )
-    albedo: str | None = meant(
-        None,
+    albedo: str = meant(
+        MOON_MAP,
         "Albedo map: a raster of relative surface brightness in a lunar CRS. Radiance is multiplied by the ratio of its "
-        "value to `model.albedo_reference`. Three bands are red, green and blue in lcp render.",
-        default="none, uniform ground",
+        "value to `model.albedo_reference`. Three bands are red, green and blue in lcp render. "
+        f"{MOON_MAP}: the package's map of the whole Moon, 2.7 km a pixel; {NO_MAP}: uniform ground.",
+        default=MOON_MAP,
         replaces=("albedo_encoding", "albedo_reference"),
     )
     albedo_encoding: str | None = meant(
@@ -574,9 +584,14 @@ class ModelConfig:
         )
         for name in ("albedo_encoding", "albedo_reference"):
             _require(
-                self.albedo is not None or getattr(self, name) is None,
-                f"`model.{name}` needs `model.albedo`, a map",
+                self.albedo not in (MOON_MAP, NO_MAP) or getattr(self, name) is None,
+                f"`model.{name}` needs `model.albedo`, a map's file",
             )
+
+    @property
+    def albedo_file(self) -> Path | None:
+        """The file of the albedo map; None without a map."""
+        return map_file(self.albedo)
 
     @property
     def precision(self) -> Accuracy:
@@ -585,7 +600,8 @@ class ModelConfig:
 
     def beside(self, folder: Path) -> ModelConfig:
         """The same with file names relative to a folder resolved; absolute names stay."""
-        albedo = None if self.albedo is None else str(folder / self.albedo)
+        own = self.albedo not in (MOON_MAP, NO_MAP)
+        albedo = str(folder / self.albedo) if own else self.albedo
         law, _, which = self.reflectance.partition(":")
         if law == "facet" and which.lower().endswith(".toml"):
             law = f"{law}:{folder / which}"
@@ -595,7 +611,7 @@ class ModelConfig:
     @property
     def portable(self) -> ModelConfig:
         """The same with file names without folders."""
-        name = None if self.albedo is None else Path(self.albedo).name
+        name = Path(self.albedo).name
         law, colon, which = self.reflectance.partition(":")
         if law == "facet":  # a file, or a name without folders
             law = f"{law}{colon}{Path(which).name}"
@@ -723,7 +739,7 @@ class BuildConfig:
         from ..photometry.facet_model import law_file
 
         law = law_file(self.model.reflectance)
-        maps = (self.model.albedo, self.dem.sigma_map, self.dem.resolution_map)
+        maps = (self.model.albedo_file, self.dem.sigma_map, self.dem.resolution_map)
         return (*(Path(name) for name in maps if name is not None), *([law] if law else ()))
 
     @classmethod

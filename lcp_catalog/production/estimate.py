@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ..catalog.schema import evaluated, usable
+from ..choices import NO_MAP
 from ..ephemeris.solar_position import highest_sun_deg
 from ..memory import peak_mb, resident_mb
 from ..rendering.decisions import Decision
@@ -120,12 +122,12 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     here = min(workers, len(level.jobs)) == 1
     before_mb = (peak_mb(), resident_mb()) if here else planned_mb
     merge_mb = _merge_mb(level, points, candidates)
-    layers = 1 if config.model.albedo is None else 2  # of a patch: heights, and brightness
+    layers = 1 if config.model.albedo_file is None else 2  # of a patch: heights, and brightness
     patch = config.points.patch_nodes**2 * 4 * layers
     claims = int(np.prod(conditions[sample].shape)) * (
         1 + _CLAIM_BYTES * len(image_scales(config.points.patch_nodes))
     )
-    return {
+    found: dict[str, Any] = {
         "areas": len(level.jobs),
         "suns": max(c.count for c in conditions) // len(config.view),
         "views": len(config.view),
@@ -147,6 +149,32 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
             *results[0].plan.to_json()["decisions"],
         ],
     }
+    if config.model.albedo_file is not None:
+        found["albedo_worth"] = _albedo_worth(level, sample, results[0])
+    return found
+
+
+def _albedo_worth(level: Level, index: int, mapped: AreaResult) -> list[dict[str, float]]:
+    """What the albedo map is worth in an area whose result is ``mapped``, by ``sun_elevation``, degrees: the mean number
+    of ``usable`` candidates in a condition that occurs, and their number ``without`` the map.
+    """
+    config = level.recipe.config.replaced({"model.albedo": NO_MAP})
+    recipe = replace(level.recipe, config=config, albedo=None)
+    plain = run_area(replace(level.jobs[index], recipe=recipe))
+    counts = [_usable_by_sun(result) for result in (mapped, plain)]
+    return [
+        {"sun_elevation": elevation, "usable": round(own, 2), "without": round(other, 2)}
+        for elevation, own, other in zip(config.sun.elevations_deg, *counts, strict=True)
+        if math.isfinite(own + other)
+    ]
+
+
+def _usable_by_sun(result: AreaResult) -> list[float]:
+    """Mean number of usable candidates in a condition that occurs, by Sun elevation; NaN where none occurs."""
+    condition = result.candidates.evaluation.condition
+    occurs = np.any(evaluated(condition), axis=0).sum(axis=(0, 2))
+    number = usable(condition).sum(axis=(0, 1, 3))
+    return [n / k if k else math.nan for n, k in zip(number.tolist(), occurs.tolist(), strict=True)]
 
 
 def _spread(order: list[int], middle: int) -> list[int]:
@@ -205,6 +233,7 @@ def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dic
         "seconds_estimate": round(total["seconds_estimate"] - again * start_s, 1),
         "bytes_estimate": total["bytes_estimate"] - again * FILE_BYTES,
         "decisions": levels[0]["decisions"],
+        **{key: value for key, value in levels[0].items() if key == "albedo_worth"},
         "levels": [{"gsd_m": m} | level for m, level in zip(cells, levels, strict=True)],
     }
 

@@ -74,7 +74,7 @@ def record_type(config: BuildConfig) -> np.dtype[np.void]:
     scaled = (len(image_scales(config.points.patch_nodes)), *shape)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("elevation", *FIGURES), ())
     shapes |= {"localization_sigma": (2,), "condition": shape, "dem": (side, side)}
-    shapes |= {"albedo": (side, side)} if config.model.albedo else {}
+    shapes |= {"albedo": (side, side)} if config.model.albedo_file else {}
     shapes |= dict.fromkeys(PACKED, scaled)
     own = [(name, f"<{VARIABLES[name].dtype}", size) for name, size in shapes.items()]
     return np.dtype([("product", "<i2"), *own])

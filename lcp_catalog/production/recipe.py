@@ -180,9 +180,10 @@ def _listed(cells_m: Sequence[float]) -> str:
 
 def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
     """The albedo map of a configuration; None without one."""
-    if model.albedo is None:
+    path = model.albedo_file
+    if path is None:
         return None
-    return AlbedoMap.open(model.albedo, model.albedo_encoding, model.albedo_reference)
+    return AlbedoMap.open(path, model.albedo_encoding, model.albedo_reference)
 
 
 def _error_model(

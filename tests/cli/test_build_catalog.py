@@ -80,6 +80,7 @@ def test_plan_writes_nothing_and_speaks_json(
         "seconds_estimate",
         "bytes_estimate",
         "decisions",
+        "albedo_worth",
     }
     assert document["areas"] >= 1
     assert document["views"] == 1

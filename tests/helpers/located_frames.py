@@ -48,6 +48,7 @@ altitude_km = [inf]
 patch_nodes = 33
 {spacing}
 [model]
+albedo = "none"
 direction_tolerance_deg = 1.0
 """
 """Patches of 15.6 km; Suns every 45 deg, one view: a coarse sweep, for its speed."""

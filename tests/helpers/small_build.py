@@ -20,5 +20,5 @@ CONFIG = BuildConfig(
     sun=SunConfig((60.0, 90.0, 120.0, 180.0, 240.0, 270.0), (10.0, 30.0, 60.0)),
     view=ViewConfig((0.0, 40.0), (0.0, 90.0), (float("inf"), 100.0)),
     points=PointConfig(patch_nodes=17, search_m=9000.0, per_view=0),
-    model=ModelConfig(direction_tolerance_deg=1.0, ring_max_km=40.0),
+    model=ModelConfig(direction_tolerance_deg=1.0, ring_max_km=40.0, albedo="none"),
 )

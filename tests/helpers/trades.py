@@ -31,7 +31,7 @@ CONFIG = BuildConfig(
     sun=SunConfig((90.0, 270.0), (10.0, 30.0)),
     view=ViewConfig((30.0, 0.0), (90.0, 0.0), (float("inf"),) * 2),
     points=PointConfig(patch_nodes=17, search_m=5000.0),
-    model=ModelConfig(direction_tolerance_deg=0.7, ring_max_km=20.0),
+    model=ModelConfig(direction_tolerance_deg=0.7, ring_max_km=20.0, albedo="none"),
 )
 
 

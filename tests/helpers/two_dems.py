@@ -23,7 +23,9 @@ CONFIG = BuildConfig(
     sun=SunConfig((90.0, 270.0), (10.0,)),
     view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
     points=PointConfig(patch_nodes=17, search_m=4000.0, spacing_m=2500.0),
-    model=ModelConfig(direction_tolerance_deg=1.0, ring_max_km=5.0, area_nodes_max=64),
+    model=ModelConfig(
+        direction_tolerance_deg=1.0, ring_max_km=5.0, area_nodes_max=64, albedo="none"
+    ),
 )
 
 

@@ -41,7 +41,7 @@ CONFIG = BuildConfig(
     sun=SunConfig((90.0, 270.0), (5.0, 30.0)),
     view=ViewConfig((0.0, 40.0), (0.0, 90.0), (math.inf, 100.0)),
     points=PointConfig(patch_nodes=9, search_m=4000.0),
-    model=ModelConfig(direction_tolerance_deg=0.3, ring_max_km=40.0),
+    model=ModelConfig(direction_tolerance_deg=0.3, ring_max_km=40.0, albedo="none"),
 )
 
 
