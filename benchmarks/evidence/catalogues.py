@@ -1,8 +1,8 @@
 """Catalogues for the photographs: Apollo 15 Metric frames with their cameras, and the map-projected Apollo 16 series.
 
 For each Apollo 15 frame `lcp build-catalog` builds a catalogue of the ground that it shows, under the Suns around its own (four
-elevations and two azimuths), from GLD100 and the relative albedo map; for the Apollo 16 series one catalogue under 30 Suns, without
-a map of albedo.
+elevations and two azimuths), from GLD100 and the relative albedo map; for the Apollo 16 series one catalogue under 30 Suns, with
+the package's albedo map.
 """
 
 from __future__ import annotations

@@ -51,6 +51,7 @@ BITS = 12
 SEED = 14
 SMOOTH_TOML = (
     "[errors]\nshadow_shift = 0.0\n"  # the ground has no relief that the DEM's cells do not show
+    '[model]\nalbedo = "none"\n'  # and no brightness but that of the error model
 )
 MARGIN = 1.2
 """Half the patch, times this, lies between a point that counts and the frame's border: patches are turned and foreshortened."""

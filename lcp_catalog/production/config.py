@@ -242,8 +242,11 @@ class DemConfig:
         return dataclasses.replace(self, sigma_map=sigma, resolution_map=resolution)
 
 
-SUN_ELEVATIONS_DEG = (4.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
-"""Default elevations of the Sun."""
+SUN_ELEVATIONS_DEG = (4.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 52.0, 60.0, 65.0, 70.0, 75.0)
+"""Default elevations of the Sun, alike at every latitude, so that catalogues of neighbouring regions can be merged. Above
+60 deg they are near enough that none which is evaluated at a place is more than 2.5 deg above the highest Sun there
+(`ephemeris.solar_position.reachable_suns`).
+"""
 
 POLAR_ELEVATIONS_DEG = (0.5, 1.0, 1.5, 2.0, 3.0)
 """Elevations of the Sun that are added to the default ones for a region with a latitude at which it stays
@@ -269,7 +272,7 @@ class SunConfig:
     elevations_deg: tuple[float, ...] = meant(
         (),
         "Elevations of the Sun above the horizontal, degrees.",
-        default="4, 5, 10, 15, 20, 30, 45, 60, 75, and 0.5, 1, 1.5, 2, 3 for a region that reaches beyond 81.9 degrees "
+        default="4, 5, 10, 15, 20, 30, 45, 52, 60, 65, 70, 75, and 0.5, 1, 1.5, 2, 3 for a region that reaches beyond 81.9 degrees "
         "of latitude, where the Sun stays below 10",
         least=0.0,
         most=90.0,

@@ -85,7 +85,7 @@ def test_words_in_place_of_a_file(tmp_path: Path) -> None:
     for word in ("moon", "none"):
         model = ModelConfig(albedo=word)
         assert model.beside(tmp_path) == model == model.portable
-        with pytest.raises(ConfigError, match="needs `model.albedo`, a map's file"):
+        with pytest.raises(ConfigError, match=r"needs `model\.albedo`, a map's file"):
             ModelConfig(albedo=word, albedo_encoding="linear")
     assert ModelConfig(albedo="own.tif").beside(tmp_path).albedo_file == tmp_path / "own.tif"
     assert open_map("moon").name == moon_map.FILE.name

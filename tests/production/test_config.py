@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -109,7 +110,7 @@ LOW = (0.5, 1.0, 1.5, 2.0, 3.0)
 )
 def test_the_default_suns_follow_from_the_latitude(lat_deg: float, low: tuple[float, ...]) -> None:
     """90 - 81.86 + 1.59 + 0.27 = 10: beyond, the Sun stays below 10 deg."""
-    every = (4.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 75.0)
+    every = (4.0, 5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 52.0, 60.0, 65.0, 70.0, 75.0)
     assert SunConfig().at(lat_deg).elevations_deg == (*low, *every)
     assert SunConfig(elevations_deg=(7.0,)).at(lat_deg).elevations_deg == (7.0,)
 
@@ -120,8 +121,22 @@ def test_at_a_pole_the_default_suns_go_around_the_horizon() -> None:
     """
     for lat_deg in (-90.0, 90.0):
         found = Conditions.at(lat_deg, BuildConfig(sun=SunConfig().at(lat_deg)))
-        assert found.reachable.all(axis=1).tolist() == [True] * 4 + [False] * 10
+        assert found.reachable.all(axis=1).tolist() == [True] * 4 + [False] * 13
         assert not found.reachable[4:].any()
+
+
+def test_no_default_sun_is_far_above_the_highest() -> None:
+    """The upper edge of the Sun at noon of the solstice: 90 deg - latitude + 1.59 deg + 0.27 deg."""
+    sun = SunConfig()
+    nodes = np.array(sun.at(0.0).elevations_deg)
+    for lat_deg in np.arange(-45.0, 45.0, 0.5):
+        evaluated = Conditions.at(float(lat_deg), BuildConfig(sun=sun.at(0.0))).reachable.any(
+            axis=1
+        )
+        highest = min(90.0, 90.0 - abs(lat_deg) + 1.86)
+        over = nodes[evaluated].max() - highest
+        assert over <= (2.5 if highest > 57.5 else 4.0) + 0.01, lat_deg
+        assert nodes[evaluated].max() >= min(highest, 75.0) - 4.0, lat_deg
 
 
 def test_at_85_deg_the_noon_sun_decides() -> None:
@@ -133,7 +148,7 @@ def test_at_85_deg_the_noon_sun_decides() -> None:
         day = replace(config, sun=replace(config.sun, azimuths_deg=(noon,)))
         assert Conditions.at(lat_deg, day).reachable[:, 0].tolist() == [
             *(False, False, False, False),
-            *(True, True, True, False, False, False, False, False, False, False),
+            *(True, True, True, *(False,) * 10),
         ]
         night = replace(config, sun=replace(config.sun, azimuths_deg=(180.0 - noon,)))
         assert not Conditions.at(lat_deg, night).reachable.any()
