@@ -19,6 +19,7 @@ from lcp_cli.main import run
 
 from lcp_catalog.catalog.verification import verify
 from lcp_catalog.errors import ConfigError
+from lcp_catalog.photometry import moon_map
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.run import Build
 
@@ -61,7 +62,7 @@ def test_it_writes_a_catalogue_and_what_it_read(tmp_path: Path, config: str) -> 
     arguments = [DEM, "-o", str(output), "--config", config, "--jobs", "1", "--depfile", str(rule)]
     assert run(["build-catalog", *arguments]) == 0
     assert verify(output) == []
-    assert rule.read_text() == f"{str(output).replace(' ', chr(92) + ' ')}: {DEM}\n"
+    assert rule.read_text() == f"{str(output).replace(' ', chr(92) + ' ')}: {DEM} {moon_map.FILE}\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a catalogue.h5", "build.toml", "rule.d"]
 
 
@@ -139,20 +140,24 @@ def test_a_camera_that_sees_other_ground(
     assert "the camera sees longitude" in capsys.readouterr().err
 
 
-def test_plan_is_three_lines(
+def test_plan_is_four_lines(
     tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The decisions are shown with -v."""
+    """Without an albedo map three. The decisions are shown with -v."""
     small = ["build-catalog", DEM, "--config", config, "--size", "12", "--plan"]
     small += ["--center", "3.5", "26"]
     assert run(small) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 3
+    assert len(lines) == 4
     assert re.match(r"1 areas x 4 Suns x 1 views, [\d,]+ cells rendered$", lines[0])
     assert re.match(r"\d+ s with --jobs 1$", lines[1])
     assert re.match(
         r"0\.\d MB of catalogue, [\d,]+ MB of memory a job, [\d,]+ MB to merge$", lines[2]
     )
+    worth = r"usable candidates .* without the albedo map: 10 deg [\d.]+ \([\d.]+\); 30 deg "
+    assert re.match(worth, lines[3])
+    assert run([*small, "--albedo", "none"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 3
     assert run(["-v", *small]) == 0
     assert "cast shadows" in capsys.readouterr().out
 

@@ -24,7 +24,7 @@ from lcp_catalog.dem import raster
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import AlbedoError
 from lcp_catalog.geometry.frames import EnuFrame
-from lcp_catalog.photometry.albedo_map import AlbedoCover, AlbedoMap
+from lcp_catalog.photometry.albedo_map import PATCH_STEP, AlbedoCover, AlbedoMap
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.terrain import Terrain, terrain_from_area
 
@@ -112,7 +112,9 @@ def test_nodes_and_hits_of_a_terrain(moon: AlbedoMap, ball: Path, lon: float, la
     step = np.arange(-2, 3) * 20e3
     mcmf = EnuFrame(lon, lat, 300.0).to_mcmf(np.stack([*np.meshgrid(step, -step), np.zeros((5, 5))], axis=-1))  # fmt: skip
     unit = mcmf / np.linalg.norm(mcmf, axis=-1, keepdims=True)
-    np.testing.assert_allclose(patch, 1.0 + 0.3 * unit[..., 1] + 0.1 * unit[..., 2], atol=1e-4)
+    want = 1.0 + 0.3 * unit[..., 1] + 0.1 * unit[..., 2]
+    np.testing.assert_allclose(patch, want, atol=1e-4 + PATCH_STEP / 2.0)
+    assert np.all(patch % PATCH_STEP == 0.0)
 
 
 def _nodes(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
