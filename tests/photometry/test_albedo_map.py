@@ -107,7 +107,7 @@ def test_nodes_and_hits_of_a_terrain(moon: AlbedoMap, ball: Path, lon: float, la
     points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     np.testing.assert_allclose(moon.at_points(terrain, points), want.ravel(), atol=1e-4)
     flat = np.zeros((2, 5, 5), np.float32)
-    near, patch = moon.patches([EnuFrame(lon, 0.0), EnuFrame(lon, lat, 300.0)], flat, 20e3)
+    near, patch = moon.patches([EnuFrame(lon, 10.0), EnuFrame(lon, lat, 300.0)], flat, 20e3)
     assert (near != patch).any()
     step = np.arange(-2, 3) * 20e3
     mcmf = EnuFrame(lon, lat, 300.0).to_mcmf(np.stack([*np.meshgrid(step, -step), np.zeros((5, 5))], axis=-1))  # fmt: skip
