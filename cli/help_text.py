@@ -31,6 +31,7 @@ GROUPS = {
         *("--view", "--off-nadir", "--view-azimuth", "--frame"),
         *("--shadow-catcher", "--background", "--background-white"),
     ),
+    "Catalogue": ("--catalog",),
     "DEM": ("--dem", "--product-order", "--dem-sigma", "--dem-resolution"),
     "Brightness and accuracy": (
         *("--reflectance", "--albedo", "--albedo-encoding", "--albedo-reference"),

@@ -24,6 +24,7 @@ COMMANDS = {
     "sample": ("sample", "Write the sample data of the tutorial into a folder."),
     "dem": ("dem", "Describe, check or map DEM products."),
     "render": ("render", "Render a terrain image for one Sun direction and one view."),
+    "camera": ("camera", "Show what a camera sees, and what is wrong with its file."),
     "sun": ("sun", "Compute the Sun's azimuth and elevation at a place."),
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
     "inspect": ("inspect", "Summarise a catalogue and check that it is intact."),
@@ -69,7 +70,7 @@ Exit codes:
   1  failed: one line says what, which file, and what to do
   2  wrong usage
   3  a catalogue was written, but some areas failed (build-catalog --keep-going)
-  4  the answer is no (validate, inspect, diff, dem check, report --require)
+  4  the answer is no (validate, inspect, diff, dem check, camera info, report --require)
   130, 143, 129  stopped by Ctrl-C, SIGTERM, SIGHUP
 
 \b

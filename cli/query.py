@@ -222,10 +222,15 @@ def _one(asked: Asked) -> None:
         write_bytes(output, text(answer, catalog).encode("utf-8"), asked.overwrite)
     if asked.as_json:
         click.echo(json.dumps(documents.document(answer, catalog), indent=2, allow_nan=False))
-    elif output is None:
+    elif output is None and len(answer.rows):
         for line in documents.point_lines(answer, catalog, POINTS_SHOWN):
             echo(line)
-    echo(documents.result_line(answer), err=asked.as_json)
+    line = documents.result_line(answer)
+    if not answer.counts["in_view"]:
+        from lcp_catalog.navigation.camera_info import blind_to_points
+
+        line += f"; {blind_to_points(catalog, answer.frame.sensor)}"
+    echo(line, err=asked.as_json)
     if output is not None:
         say(f"{output}: {len(answer.rows)} points written")
 

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from .matching.position_fix import Fix as Fix
     from .matching.position_fix import locate as locate
     from .matching.templates import render_patches as render_patches
+    from .navigation.camera_info import CameraInfo as CameraInfo
+    from .navigation.camera_info import camera_info as camera_info
     from .navigation.expected_position import Answer as Answer
     from .navigation.expected_position import query as query
     from .navigation.expected_position import query_trajectory as query_trajectory
@@ -52,6 +54,7 @@ _MODULES = {
     "Answer": "navigation.expected_position",
     "BuildConfig": "production.config",
     "Camera": "cameras.frame_camera",
+    "CameraInfo": "navigation.camera_info",
     "Catalog": "catalog.catalogue",
     "DemInfo": "dem.public",
     "DemSet": "dem.mosaic",
@@ -62,6 +65,7 @@ _MODULES = {
     "SunChoice": "light.sun_choice",
     "Uncertainty": "cameras.sensor",
     "build_catalog": "production.run",
+    "camera_info": "navigation.camera_info",
     "choose_points": "matching.point_choice",
     "dem_info": "dem.public",
     "dem_set": "dem.public",

@@ -9,6 +9,7 @@ the names of its options there. Each class is also a builtin error, so that a ca
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 
 NAMED = re.compile(r"`([a-z][\w.]*)`")
 """A parameter or a field in a message."""
@@ -27,6 +28,18 @@ def printable(text: str) -> str:
         one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode()
         for one in text
     )
+
+
+def unknown_keys(given: Collection[str], known: Collection[str]) -> str:
+    """Which keys of a file are unknown, with the known one that is like each and not given; empty if none is."""
+    from difflib import get_close_matches  # noqa: PLC0415  # 7 ms: only for a message
+
+    found, left = [], [key for key in known if key not in given]
+    for key in given:
+        if key not in known:
+            alike = get_close_matches(key[:80], left, 1) or get_close_matches(key[:80], known, 1)
+            found.append(f"{key[:80]} ({alike[0]} is meant?)" if alike else key[:80])
+    return f"no key {', '.join(found)}; there are {', '.join(known)}" if found else ""
 
 
 class LcpError(Exception):

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from typing import Any, get_type_hints
 
-from .errors import ConfigError
+from .errors import ConfigError, unknown_keys
 
 _DEEPEST = 100
 _DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_DEEPEST}}}")
@@ -44,14 +44,13 @@ def dataclass_of(kind: type, name: str, table: object, replaced: Mapping[str, st
     if not isinstance(table, dict):
         raise ConfigError(f"[{name}] must be a table")
     hints = get_type_hints(kind)
-    unknown = sorted(set(table) - set(hints))
-    for key in unknown:
+    for key in sorted(set(table) - set(hints)):
         if instead := replaced.get(f"{name}.{key}"):
             raise ConfigError(
                 f"{name}.{key} is replaced by {instead} (since catalogues of schema 2)"
             )
-    if unknown:
-        raise ConfigError(f"[{name}] has no key {', '.join(unknown)}; there are {', '.join(hints)}")
+    if not hints.keys() >= table.keys():
+        raise ConfigError(f"[{name}] has {unknown_keys(table, hints)}")
     return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
 
 

@@ -1,9 +1,6 @@
 """Sensors from camera files: CAMERA.json, USGS ISD JSON, or .tsai of the Ames Stereo Pipeline,
 recognised by content.
 
-Frequent mistakes in the fields of a camera file, recognised by undoing them: units in kilometres, a transposed
-rotation, angles in degrees that were taken as radians.
-
 Pinhole cameras of the Ames Stereo Pipeline (ASP): .tsai text files.
 
 Supported are versions 3 and 4, and the older version without a header, which has the TSAI lens
@@ -16,25 +13,19 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..constants import MOON_RADIUS_M
 from ..errors import CameraError
-from ..geometry.bounds import turned_deg, wrapped_deg
-from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
-from ..geometry.sphere_intersection import hits
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_of
 from .frame_camera import Camera, camera_from_json, fields_of_plane
 from .isd import AnySensor, is_isd, sensor_from_isd
 from .json_fields import LARGEST, parsed
-from .view import border_and_inside
+from .mistakes import blindness, doubts, if_looking_down
 
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
 _UNREAD = ("ADJUSTABLETSAI", "FISHEYE", "FOV", "RPC")
@@ -182,79 +173,6 @@ def _nearest(matrix: Array) -> Array | None:
 
 log = logging.getLogger(__name__)
 
-_ALIKE_DEG = 5.0
-"""Directions that are no further apart count as the same. Two random ones are with a probability of 0.2 %."""
-
-_DOWN_DEG = 10.0
-"""Greatest angle off nadir of a camera that looks down. A random one does so with a probability of 0.8 %."""
-
-_GRID = 17
-"""Rays along each side of an image that are tried, and along its inside."""
-
-
-def likely_mistake(camera: Camera, sees: Callable[[Camera], bool]) -> str:
-    """A mistake that explains why a camera does not see what it should, as a phrase about its fields; empty for
-    a camera that does, and if none of the known ones explains it. ``sees``: True for a camera
-    that does, like `sees_moon`.
-    """
-    return "" if sees(camera) else next(_mistakes(camera, sees), "")
-
-
-def sees_moon(camera: Camera) -> bool:
-    """True if a ray of a grid over the image, without the lens's distortion, meets the reference sphere; also
-    for a camera below it.
-    """
-    if np.linalg.norm(camera.position_mcmf_m) <= MOON_RADIUS_M:
-        return True
-    pinhole = replace(camera, distortion=np.zeros(5), lens=None)
-    pixels = border_and_inside(camera.shape, _GRID)
-    return bool(np.isfinite(hits(*pinhole.looks(pixels))[0]).any())
-
-
-def looks_down(camera: Camera) -> bool:
-    """True if the optical axis is within `_DOWN_DEG` of the vertical below the camera."""
-    up = _unit(camera.position_mcmf_m)
-    return bool(-up @ camera.rotation_mcmf_to_camera[2] > np.cos(np.radians(_DOWN_DEG)))
-
-
-def _mistakes(camera: Camera, sees: Callable[[Camera], bool]) -> Iterator[str]:
-    up, ahead = _unit(camera.position_mcmf_m), camera.rotation_mcmf_to_camera[2]
-    if _alike(ahead, -_by_degrees_as_radians(up)):
-        yield (
-            "rotation_mcmf_to_camera looks down at the place whose longitude and latitude are those below the "
-            "camera in degrees, taken as radians: convert the angles to radians"
-        )
-    if _alike(up, _by_degrees_as_radians(-ahead)):
-        yield (
-            "position_mcmf_m lies above the place whose longitude and latitude are those that the rotation looks "
-            "down at in degrees, taken as radians: convert the angles to radians"
-        )
-    if sees(replace(camera, rotation_mcmf_to_camera=camera.rotation_mcmf_to_camera.T)):
-        yield (
-            "rotation_mcmf_to_camera looks elsewhere, and its transpose at the ground: it seems to take camera axes "
-            "to MCMF; give its transpose"
-        )
-
-
-def _by_degrees_as_radians(up: Array) -> Array:
-    """Directions (2, 3) that a program gets for the longitude and latitude of a direction, in degrees, if it
-    takes them as radians: for a longitude within -180..180 and within 0..360.
-    """
-    lon, lat, _ = mcmf_to_lonlat(MOON_RADIUS_M * up)
-    longitudes = np.degrees([wrapped_deg(lon), turned_deg(lon)])
-    return _unit(lonlat_to_mcmf(longitudes, np.degrees([lat, lat])))
-
-
-def _unit(vectors: ArrayLike) -> Array:
-    given = np.asarray(vectors, dtype=np.float64)
-    return np.asarray(given / np.linalg.norm(given, axis=-1, keepdims=True))
-
-
-def _alike(direction: Array, others: Array) -> bool:
-    """True if a unit direction (3,) is within `_ALIKE_DEG` of one of the others; (3,) or (n, 3)."""
-    return bool((others @ direction > np.cos(np.radians(_ALIKE_DEG))).any())
-
-
 FRAME_PIXELS_MAX = 100_000_000
 """Most pixels of an image that is rendered."""
 
@@ -264,8 +182,16 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
 
     ``shape``: rows and columns of the image, if known; required for a .tsai file, which does not
     give them. CameraError for a file of an image of another shape, and for a framing camera that does
-    not see the Moon because of a mistake that `camera_file` recognises.
+    not see the Moon because of a mistake that `mistakes` recognises; doubts are logged as warnings.
     """
+    sensor = unjudged_sensor(path, shape)
+    if isinstance(sensor, Camera):
+        _refuse_mistakes(sensor, path)
+    return sensor
+
+
+def unjudged_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
+    """`read_sensor` without a judgement of what the camera sees."""
     path = Path(path)
     text = _text(path)
     if is_tsai(text):
@@ -277,21 +203,19 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
     if shape is not None and sensor.shape != tuple(shape):
         raise CameraError(
             f"{path}: is the camera of an image of {sensor.shape[1]} x {sensor.shape[0]} pixels, "
-            f"not of {shape[1]} x {shape[0]}"
+            f"not of {shape[1]} x {shape[0]}: give the camera of this image"
         )
-    if isinstance(sensor, Camera):
-        _refuse_mistakes(sensor, path)
     return sensor
 
 
-def _refuse_mistakes(camera: Camera, path: Path) -> None:
+def _refuse_mistakes(camera: Camera, path: Path | str) -> None:
     """CameraError for a camera that sees nothing of the Moon by a mistake; a warning for one that looks
     down if the mistake is undone, which an oblique view can do by chance.
     """
-    if mistake := likely_mistake(camera, sees_moon):
-        raise CameraError(f"{path}: {mistake}")
-    if mistake := likely_mistake(camera, looks_down):
-        log.warning("%s: if the camera is to look down: %s", path, mistake)
+    if why := blindness(camera):
+        raise CameraError(f"{path}: {why}")
+    for doubt in filter(None, [*doubts(camera), if_looking_down(camera)]):
+        log.warning("%s: %s", path, doubt)
 
 
 def read_camera(path: Path | str, shape: tuple[int, int] | None = None) -> Camera:

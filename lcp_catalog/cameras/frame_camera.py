@@ -7,6 +7,8 @@ axis towards the scene. Pixel centres are at whole numbers: an image of width w 
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +19,8 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..errors import CameraError
+from ..ephemeris.times import instants
+from ..errors import CameraError, SunError, unknown_keys
 from ..geometry.frames import EnuFrame
 from ..geometry.rotations import by_vector
 from .distortion import FocalPlane, Lens, NoLens, OpenCV, lens_from_json
@@ -29,6 +32,9 @@ FARTHEST_M = 1e11
 
 SUN_NEAREST_M = 1e9
 """Least distance of a Sun position; a smaller one is in kilometres or a direction."""
+
+_SUN_M = (1.3e11, 1.7e11)
+"""Least and greatest distance of the Sun, with some room."""
 
 _ROTATION_TOLERANCE = 1e-5
 
@@ -80,25 +86,32 @@ class Camera(FullSensor):
         self._put("rotation_mcmf_to_camera", self._rotation())
         self._put("focal_length_px", float(self._numbers("focal_length_px", ())))
         if not self.focal_length_px > 0:
-            self._refuse("focal_length_px", "must be positive")
+            self._refuse("focal_length_px", f"must be positive, not {self.focal_length_px:g}")
         self._put("principal_point_px", tuple(self._numbers("principal_point_px", (2,)).tolist()))
         size = self._numbers("image_size_px", (2,))
         if (size < 1).any() or (size > 1_000_000).any() or (size != np.round(size)).any():
-            self._refuse("image_size_px", "must be two whole numbers, width and height")
+            self._refuse(
+                "image_size_px", f"must be two whole numbers, width and height, not {size.tolist()}"
+            )
         self._put("image_size_px", (int(size[0]), int(size[1])))
         self._put("distortion", self._numbers("distortion", (5,)))
         if self.lens is not None and self.distortion.any():
             self._refuse("distortion", "and a lens are given: give one of them")
         if self.sun_position_mcmf_m is not None:
             sun = self._numbers("sun_position_mcmf_m", (3,))
-            if np.linalg.norm(sun) < SUN_NEAREST_M:
-                self._refuse(
-                    "sun_position_mcmf_m",
-                    "is too near for the Sun, which is 150 million km away (are these kilometres? give metres)",
-                )
+            if (away := float(np.linalg.norm(sun))) < SUN_NEAREST_M:
+                self._refuse("sun_position_mcmf_m", _too_near(away, sun, position))
             self._put("sun_position_mcmf_m", sun)
-        if self.time_utc is not None and not isinstance(self.time_utc, str):
+        if self.time_utc is not None:
+            self._require_time()
+
+    def _require_time(self) -> None:
+        if not isinstance(self.time_utc, str):
             self._refuse("time_utc", "must be text like 2024-01-01T00:00:00")
+        try:
+            instants(self.time_utc)
+        except SunError as error:
+            raise CameraError(f"{self.name}: time_utc: {error}") from error
 
     def _put(self, key: str, value: Any) -> None:
         object.__setattr__(self, key, value)
@@ -110,10 +123,13 @@ class Camera(FullSensor):
         try:
             values = numbers(getattr(self, key))
         except (TypeError, ValueError, OverflowError):
-            self._refuse(key, "does not consist of numbers")
+            self._refuse(key, f"does not consist of numbers, but is {_shown(getattr(self, key))}")
         if values.shape != shape or not (np.abs(values) <= LARGEST).all():
             wanted = "x".join(map(str, shape)) if shape else "one"
-            self._refuse(key, f"must hold {wanted} finite number{'s' if shape else ''}")
+            self._refuse(
+                key,
+                f"must hold {wanted} finite number{'s' if shape else ''}, not {_shown(getattr(self, key))}",
+            )
         values.flags.writeable = False
         return values
 
@@ -121,11 +137,13 @@ class Camera(FullSensor):
         given = self._numbers("rotation_mcmf_to_camera", (3, 3))
         error = np.abs(given @ given.T - np.eye(3)).max()
         if error > _ROTATION_TOLERANCE:
-            self._refuse(
-                "rotation_mcmf_to_camera", "is not a rotation: its rows are not orthonormal"
-            )
+            self._refuse("rotation_mcmf_to_camera", _no_rotation(given))
         if np.linalg.det(given) < 0:
-            self._refuse("rotation_mcmf_to_camera", "is left-handed: it mirrors the scene")
+            self._refuse(
+                "rotation_mcmf_to_camera",
+                "is left-handed (its determinant is -1): it mirrors the scene; change the sign of the axis that is not "
+                "right, down or ahead",
+            )
         if error < 1e-12:
             return given
         left, _, right = np.linalg.svd(given)
@@ -219,30 +237,62 @@ class Camera(FullSensor):
         return frame.from_mcmf(self.position_mcmf_m), directions
 
 
+def _too_near(away_m: float, sun: Array, position: Array) -> str:
+    """What is wrong with a position of the Sun at a distance."""
+    if np.linalg.norm(sun - position) < 0.1 * np.linalg.norm(position):
+        why = "it is the camera's own place"
+    elif _SUN_M[0] < 1e3 * away_m < _SUN_M[1]:
+        why = "these are kilometres; give metres"
+    elif abs(away_m - 1.0) < 1e-3:
+        why = "this is a direction; multiply it by 1.5e11"
+    else:
+        why = "it must be in metres from the Moon's centre"
+    return f"is too near for the Sun, which is 1.5e11 m away: {why}"
+
+
+def _no_rotation(given: Array) -> str:
+    """What is wrong with a matrix (3, 3) that is not orthonormal."""
+    lengths = np.linalg.norm(given, axis=1)
+    found = "is not a rotation: its rows are not orthonormal"
+    if (np.abs(lengths - 1.0) > _ROTATION_TOLERANCE).any():
+        return f"{found}: they have lengths {', '.join(f'{one:.6g}' for one in lengths)}, not 1 (unit rows: right, down, ahead)"
+    angles = [
+        math.degrees(math.acos(np.clip(given[i] @ given[k], -1.0, 1.0)))
+        for i, k in ((0, 1), (0, 2), (1, 2))
+    ]
+    return f"{found}: they are {', '.join(f'{one:.4g}' for one in angles)} deg apart, not 90"
+
+
+def _shown(value: Any) -> str:
+    """A value of a file as JSON, shortened."""
+    text = json.dumps(value.tolist() if isinstance(value, np.ndarray) else value, default=repr)
+    return text if len(text) <= 40 else f"{text[:36]} ..."
+
+
+_NEEDED = (
+    "position_mcmf_m", "rotation_mcmf_to_camera", "focal_length_px", "principal_point_px", "image_size_px",
+)  # fmt: skip
+_OPTIONAL = ("distortion", "sun_position_mcmf_m", "time_utc", "lens")
+
+
 def camera_from_json(document: Any, name: str = "camera") -> Camera:
-    """The camera of the content of a CAMERA.json; unknown fields are ignored."""
+    """The camera of the content of a CAMERA.json. CameraError for unknown keys, too, with the key that is alike."""
     if not isinstance(document, Mapping):
         raise CameraError(f"{name}: a camera file holds one JSON object")
-    needed = (
-        "position_mcmf_m",
-        "rotation_mcmf_to_camera",
-        "focal_length_px",
-        "principal_point_px",
-        "image_size_px",
-    )
-    missing = [key for key in needed if key not in document]
+    if unknown := unknown_keys(document, (*_NEEDED, *_OPTIONAL)):
+        raise CameraError(f"{name}: has {unknown}")
+    missing = [key for key in _NEEDED if key not in document]
     if missing:
         raise CameraError(f"{name}: lacks {', '.join(missing)}")
-    known = {key: document[key] for key in needed}
-    optional = ("distortion", "sun_position_mcmf_m", "time_utc")
-    known |= {key: document[key] for key in optional if document.get(key) is not None}
-    if document.get("lens") is not None:
+    found = {key: document[key] for key in _NEEDED}
+    found |= {key: document[key] for key in _OPTIONAL if document.get(key) is not None}
+    if "lens" in found:
         try:
-            known["lens"] = lens_from_json(document["lens"])
+            found["lens"] = lens_from_json(found["lens"])
         except ValueError as error:
             raise CameraError(f"{name}: lens {error}") from error
     # the document's keys are the fields of a camera, checked above
-    return Camera(**known, name=name)
+    return Camera(**found, name=name)
 
 
 def fields_of_plane(plane: FocalPlane) -> dict[str, Any]:

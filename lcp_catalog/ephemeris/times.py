@@ -185,9 +185,8 @@ def _civil(time: str | dt.datetime) -> tuple[dt.datetime, int]:
         try:
             time = dt.datetime.fromisoformat(text)
         except ValueError as error:
-            raise SunError(
-                f"invalid time: {stated!r} (like 2024-01-01T00:00:00): {error}"
-            ) from error
+            why = "" if "isoformat" in str(error) else f": {error}"
+            raise SunError(f"invalid time: {stated!r} (like 2024-01-01T00:00:00){why}") from error
     _require_year(time.year, 1)  # a zone may overflow the calendar
     if time.tzinfo is not None:
         time = time.astimezone(dt.UTC).replace(tzinfo=None)

@@ -80,7 +80,14 @@ class SunChoice:
             return solar_position.direction_from_position(frame, camera.sun_position_mcmf_m)
         if camera is not None and camera.time_utc is not None:
             return solar_position.sun_direction_at(camera.time_utc)
-        raise SunError("no Sun: none is stated, and the camera file has none")
+        of_file = (
+            ""
+            if camera is None
+            else f"{camera.name}: has neither sun_position_mcmf_m nor time_utc: "
+        )
+        raise SunError(
+            f"{of_file}no Sun: give `time_utc`, or `sun_azimuth_deg` and `sun_elevation_deg`, or `subsolar_deg`"
+        )
 
     def instant(self, camera: Sensor | None) -> str | None:
         """Time of the Sun, UTC: the stated time, or the camera's time if no Sun is stated; else

@@ -221,6 +221,9 @@ def result_line(answer: Answer) -> str:
     others = ", ".join(
         f"{answer.counts[cause]} {text}" for cause, text in MEANINGS.items() if answer.counts[cause]
     )
+    azimuth, elevation = answer.sun_deg
+    if not answer.usable and elevation < 0.0:
+        others += f"; it is {-elevation:.1f} deg below the horizon, towards azimuth {azimuth:.0f}"
     listed = f", {len(answer.rows)} listed" if len(answer.rows) < answer.usable else ""
     return (
         f"{answer.usable} of {answer.counts['in_view']} points in view usable{listed}"

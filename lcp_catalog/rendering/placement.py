@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array
+from ..cameras.frame_camera import Camera
+from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import Sensor
 from ..cameras.view import CameraView, View, footprint, looking_camera, optical_axis
 from ..constants import HIGHEST_M, LOWEST_M, MOON_RADIUS_M
@@ -170,13 +172,28 @@ def _place_in_view(request: Request, area: AreaInView, dems: DemSet | None) -> t
     return seen.lon_deg, seen.lat_deg
 
 
+def _mistake(sensor: Sensor, dems: DemSet) -> str:
+    """The mistake of a camera that sees nothing of the DEM, as the end of a sentence."""
+
+    def sees(camera: Camera) -> bool:
+        try:
+            return footprint(camera, 17).common(dems.bounds) is not None
+        except CameraError:
+            return False
+
+    mistake = likely_mistake(sensor, sees) if isinstance(sensor, Camera) else ""
+    return f"; {mistake}" if mistake else ""
+
+
 def _seen_area(request: Request, looks: Sensor, dems: DemSet | None) -> Area:
     """The footprint of a camera, as far as the DEM covers it."""
     seen = footprint(looks)
     box = seen.common(dems.bounds) if dems is not None else seen
     if box is None:
         assert dems is not None
-        raise AreaError(f"{looks.name}: the camera sees {seen}; the DEM covers {dems.bounds}")
+        raise AreaError(
+            f"{looks.name}: the camera sees {seen}; the DEM covers {dems.bounds}{_mistake(looks, dems)}"
+        )
     return _box_area(box, request)
 
 

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..cameras.camera_file import likely_mistake
 from ..cameras.frame_camera import Camera
+from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image

@@ -2,13 +2,15 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
 from helpers.renders import camera_file
 
-from lcp_catalog.cameras.camera_file import likely_mistake, read_sensor
+from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import camera_from_json
+from lcp_catalog.cameras.mistakes import likely_mistake
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
 
@@ -43,11 +45,13 @@ def spoilt(document, how, lon, lat):
     )
 
 
+SKY = "the camera sees nothing of the Moon: "
 MISTAKES = {
     "kilometres": r"position_mcmf_m lies deep inside the Moon \(are these kilometres, 900 km above",
-    "transposed": r"rotation_mcmf_to_camera looks elsewhere.*give its transpose",
-    "rotation": r"rotation_mcmf_to_camera looks down .* degrees, taken as radians",
-    "position": r"position_mcmf_m lies above .* degrees, taken as radians",
+    "transposed": SKY
+    + r"rotation_mcmf_to_camera seems to take camera axes to MCMF: give its transpose \(then it looks at",
+    "rotation": SKY + r"rotation_mcmf_to_camera looks down .* degrees, taken as radians",
+    "position": SKY + r"position_mcmf_m lies above .* degrees, taken as radians",
 }
 
 
@@ -83,11 +87,80 @@ def test_a_camera_that_sees_what_it_should_has_no_mistake(tmp_path):
     assert "transpose" in likely_mistake(camera, lambda seen: seen is not camera)
 
 
-def test_a_camera_of_the_sky_is_read(tmp_path, caplog):
-    """Neither its transpose nor its angles explain why it looks up."""
+def test_a_camera_of_the_sky_has_other_axes(tmp_path):
+    """Its axes are those of OpenGL; the transpose would look at the ground, too, far off nadir, and is not named."""
     path = tmp_path / "c.json"
     document = good_file(path, 30.5, 10.5, 900e3)
     up = np.diag([1.0, -1.0, -1.0]) @ np.array(document["rotation_mcmf_to_camera"])
     path.write_text(json.dumps(document | {"rotation_mcmf_to_camera": up.tolist()}))
+    with pytest.raises(
+        CameraError, match=r"OpenGL or Blender.*multiply it from the left by"
+    ) as said:
+        read_sensor(path)
+    assert "transpose" not in str(said.value)
+
+
+def test_a_camera_that_looks_away_without_a_known_mistake_is_read(tmp_path, caplog):
+    """A star tracker, 60 deg off nadir at 900 km: the limb is 41 deg off."""
+    path = tmp_path / "c.json"
+    document = good_file(path, 100.0, 40.0, 900e3)
+    frame = EnuFrame(100.0, 40.0)
+    turn = math.radians(75.0)
+    aside = np.array(
+        [[1, 0, 0], [0, math.cos(turn), -math.sin(turn)], [0, math.sin(turn), math.cos(turn)]]
+    )
+    away = aside @ DOWN @ frame.rotation
+    path.write_text(
+        json.dumps(document | {"rotation_mcmf_to_camera": away.tolist(), "focal_length_px": 1e4})
+    )
     read_sensor(path)
     assert not caplog.records
+
+
+def test_exchanged_longitude_and_latitude(tmp_path):
+    path = tmp_path / "c.json"
+    document = good_file(path, 60.0, 5.0, 900e3)
+    there = EnuFrame(5.0, 60.0).to_mcmf([0.0, 0.0, 900e3])
+    path.write_text(json.dumps(document | {"position_mcmf_m": there.tolist()}))
+    with pytest.raises(CameraError, match=r"longitude 5\.00, latitude 60\.00: exchange the two"):
+        read_sensor(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"focal_length_px": 10.0}, r"field of view of 157 deg over 100 pixels: is it in millimetres"),
+        ({"principal_point_px": [0, 0]}, r"\[0, 0\] is 63 pixels from the image's centre \[49.5, 39.5\]: is it an offset"),
+        ({"image_size_px": [30, 100], "principal_point_px": [49.5, 14.5]}, r"are width and height exchanged"),
+    ],
+)  # fmt: skip
+def test_what_is_hardly_so_is_warned_of(tmp_path, caplog, change, says):
+    path = tmp_path / "c.json"
+    document = good_file(path, 30.5, 10.5, 50e3)
+    path.write_text(json.dumps(document | change))
+    read_sensor(path)
+    assert re.search(says, caplog.records[0].getMessage())
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("distorsion", [0, 0, 0, 0, 0], r"has no key distorsion \(distortion is meant\?\)"),
+        ("position_mcmf_m", [1.0e6, 0, 0], r"737\.4 km below the reference sphere"),
+        ("focal_length_px", True, "does not consist of numbers, but is true"),
+        ("focal_length_px", "1024", 'does not consist of numbers, but is "1024"'),
+        ("focal_length_px", None, "one finite number, not null"),
+        ("rotation_mcmf_to_camera", (57.3 * np.eye(3)).tolist(), r"lengths 57\.3, 57\.3, 57\.3, not 1"),
+        ("rotation_mcmf_to_camera", [[1, 0, 0], [0.6, 0.8, 0], [0, 0, 1]], r"they are 53\.13, 90, 90 deg apart"),
+        ("rotation_mcmf_to_camera", (-np.eye(3)).tolist(), r"left-handed \(its determinant is -1\)"),
+        ("sun_position_mcmf_m", [1.5e8, 0, 0], "these are kilometres"),
+        ("sun_position_mcmf_m", [0, 0, 1], "this is a direction"),
+        ("time_utc", "31/07/1971", r"time_utc: invalid time: '31/07/1971' \(like 2024-01-01T00:00:00\)$"),
+    ],
+)  # fmt: skip
+def test_invalid_fields_are_named_with_their_values(tmp_path, key, value, says):
+    path = tmp_path / "c.json"
+    document = good_file(path, 30.5, 10.5, 50e3)
+    path.write_text(json.dumps(document | {key: value}))
+    with pytest.raises(CameraError, match=rf"c\.json: .*{says}"):
+        read_sensor(path)

@@ -60,6 +60,7 @@ COMMANDS = {
     "dem info": Words("dem info dem.tif LDEM_64.LBL --json", ("LDEM_64.IMG",), ""),
     "dem info --map": Words("dem info dem.tif --map map.png"),
     "dem check": Words("dem check dem.tif LDEM_64.IMG", ("LDEM_64.LBL",), "", verdict=True),
+    "camera info": Words("camera info camera.json --catalog usable.h5 --dem dem.tif --plot c.svg"),
     "render": Words(f"{_RENDER} --preview p.png --depfile r.d"),
     "sun": Words("sun --center 3.5 26 --dem dem.tif --gsd 474 --time 2026-01-27T02:00:00", again=""),
     "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),

@@ -147,7 +147,7 @@ def test_a_list_with_a_time_that_is_none_is_refused(cameras: list[Camera], tmp_p
     documents = [one.to_json() for one in cameras]
     documents[3]["time_utc"] = "noon"
     path.write_text(json.dumps(documents), encoding="utf-8")
-    with pytest.raises(CameraError, match="camera 4: invalid time: 'noon'"):
+    with pytest.raises(CameraError, match="camera 4: time_utc: invalid time: 'noon'"):
         read_trajectory(path)
 
 
