@@ -9,7 +9,10 @@ the names of its options there. Each class is also a builtin error, so that a ca
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 NAMED = re.compile(r"`([a-z][\w.]*)`")
 """A parameter or a field in a message."""

@@ -273,13 +273,15 @@ _NEEDED = (
     "position_mcmf_m", "rotation_mcmf_to_camera", "focal_length_px", "principal_point_px", "image_size_px",
 )  # fmt: skip
 _OPTIONAL = ("distortion", "sun_position_mcmf_m", "time_utc", "lens")
+_NOTE = "simulated"
+"""Key of a simulated frame's camera that says how the frame was made; not read."""
 
 
 def camera_from_json(document: Any, name: str = "camera") -> Camera:
     """The camera of the content of a CAMERA.json. CameraError for unknown keys, too, with the key that is alike."""
     if not isinstance(document, Mapping):
         raise CameraError(f"{name}: a camera file holds one JSON object")
-    if unknown := unknown_keys(document, (*_NEEDED, *_OPTIONAL)):
+    if unknown := unknown_keys(document, (*_NEEDED, *_OPTIONAL, _NOTE)):
         raise CameraError(f"{name}: has {unknown}")
     missing = [key for key in _NEEDED if key not in document]
     if missing:

@@ -185,7 +185,7 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
         ("query none.h5 --camera cam.json", 1, "there is no such file"),
         ("query old.h5 --camera cam.json", 1, "old.h5: made by lcp 0.2; build it again"),
         ("query c.h5 --camera far.json", 1, "no Sun"),
-        ("query c.h5 --camera sky.json --sun-azimuth 3 --sun-elevation 3", 1, "looks elsewhere"),
+        ("query c.h5 --camera sky.json --sun-azimuth 3 --sun-elevation 3", 1, "OpenGL or Blender"),
         ("query c.h5 --trajectory way.csv", 1, "give its camera with --camera"),
         ("query c.h5 --camera cam.json --trajectory cam.json", 1, "leave out --camera"),
         ("query c.h5 --trajectory cam.json", 1, "must be a list of cameras"),
