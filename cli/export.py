@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import os
+from typing import TYPE_CHECKING
+
 import click
 
 from lcp_catalog.choices import EXPORTS, FRAMES
 
 from . import options
 from .build_options import field_option
-from .files import FileCommand
+from .files import FileCommand, InputFile
 from .messages import say
+from .query import FrameOptions
 from .value_types import AZIMUTH, Number
+
+if TYPE_CHECKING:
+    from lcp_catalog.navigation.descent import Descent
 
 
 @click.command(
@@ -53,6 +60,19 @@ from .value_types import AZIMUTH, Number
     metavar="X",
     help="For .lcpf: only the claims of this image scale, pixel over cell; default: all.",
 )
+@click.option(
+    "--for-trajectory",
+    "trajectory",
+    type=InputFile(),
+    metavar="FILE",
+    help="For .lcpf: only the points, Suns and views that the frames of a trajectory can use (lcp query --trajectory).",
+)
+@click.option(
+    "--camera",
+    type=InputFile(),
+    metavar="CAMERA.json",
+    help="With --for-trajectory FILE.csv: the camera without its place.",
+)
 @options.overwrite_option
 def command(
     catalog: str,
@@ -63,6 +83,8 @@ def command(
     sun_azimuth: float | None,
     sun_elevation: float | None,
     image_scale: float | None,
+    trajectory: str | None,
+    camera: str | None,
     overwrite: bool,
 ) -> None:
     """Write a catalogue's points in the format of the output's ending.
@@ -82,6 +104,12 @@ def command(
     from lcp_catalog.production.config import AreaConfig
 
     AreaConfig(bounds_deg=bounds_deg or ())  # refuses limits that are no area
+    if camera is not None and trajectory is None:
+        raise click.UsageError("--camera needs --for-trajectory")
+    found = None
+    if trajectory is not None:
+        options.check_outputs(overwrite, output)
+        found = _descent(catalog, camera, trajectory)
     count = export(
         catalog,
         output,
@@ -91,6 +119,32 @@ def command(
         sun_azimuth_deg=sun_azimuth,
         sun_elevation_deg=sun_elevation,
         image_scale=image_scale,
+        conditions=None if found is None else found.kept,
         overwrite=overwrite,
     )
     say(f"{output}: {count} points written, {frame}")
+    if found is not None:
+        say(_smaller(catalog, output, found))
+
+
+def _descent(catalog: str, camera: str | None, trajectory: str) -> Descent:
+    from lcp_catalog.catalog.verification import open_catalog
+    from lcp_catalog.light.sun_choice import SunChoice
+    from lcp_catalog.navigation.descent import descent
+
+    frames = FrameOptions(camera, trajectory).read(SunChoice())
+    return descent(open_catalog(catalog, check=False), frames)
+
+
+def _smaller(catalog: str, output: str, found: Descent) -> str:
+    """How much smaller the flight file of a descent is, and how probably its frames are located."""
+    from lcp_catalog.catalog.verification import open_catalog
+    from lcp_catalog.exports.flight import FlightFile, whole_bytes
+
+    size, scales = os.path.getsize(output), int(FlightFile.of(output).header["scales"])
+    share = size / whole_bytes(open_catalog(catalog, check=False), scales)
+    low, high = found.located.min(), found.located.max()
+    return (
+        f"{output}: {size} bytes, {100 * share:.1f} % of those without the trajectory; of its {len(found.located)} frames "
+        f"each is located with a probability of {low:.3f} to {high:.3f}"
+    )

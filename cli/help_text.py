@@ -22,6 +22,7 @@ GROUPS = {
         *(
             "--camera",
             "--trajectory",
+            "--for-trajectory",
             "--fov",
             "--field-of-view",
             "--altitude",

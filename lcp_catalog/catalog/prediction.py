@@ -157,6 +157,22 @@ def predict(
     return replace(found, cause=cause)
 
 
+def conditions_used(
+    catalog: Catalog, sun_enu: Array, view_enu: Array, altitude_km: Array
+) -> tuple[Mask, Mask]:
+    """True for the views (v,) and for the Suns (e, a) whose claims `predict` takes into account for directions (n, 3)
+    and altitudes (n,).
+    """
+    view = _view_weights(catalog, view_enu, altitude_km)
+    up, along = _sun_weights(catalog, sun_enu)
+    views = np.zeros(len(catalog.view_off_nadir), bool)
+    views[view.index[view.weight > _LEAST_WEIGHT]] = True
+    index, weight = _combined((up, along))
+    suns = np.zeros((len(catalog.sun_elevation), len(catalog.sun_azimuth)), bool)
+    suns[tuple(axis[weight > _LEAST_WEIGHT] for axis in index)] = True
+    return views, suns
+
+
 def _between_elevations(catalog: Catalog, sun: Array) -> Mask:
     """True for Suns within the grid's elevations, with slack for rounding. Below the lowest, shadows
     grow faster than a margin could tell: 79 % of points claimed there would be usable.

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
+from ..catalog.catalogue import Catalog
 from ..catalog.schema import (
     DETECTION_STEP,
     EVALUATED,
@@ -26,7 +27,7 @@ from ..catalog.schema import (
     reaches,
 )
 from ..catalog.stored import content_sha256
-from ..catalog.summary import bounds, percent
+from ..catalog.summary import Statistics, bounds, percent
 from ..choices import FRAMES
 from ..constants import MOON_RADIUS_M
 from ..errors import AreaError, CatalogError
@@ -165,6 +166,21 @@ def write_flight(
         file.write(header.tobytes() + tables.tobytes() + index.tobytes())
 
 
+def whole_bytes(catalog: Catalog, scales: int) -> int:
+    """About the bytes of the flight file of all points and conditions, with that many image scales."""
+    sizes = {
+        "nodes": catalog.patch_nodes, "scales": scales, "views": len(catalog.view_off_nadir),
+        "suns": int(Statistics.of(catalog).suns.sum()), "elevations": len(catalog.sun_elevation),
+        "azimuths": len(catalog.sun_azimuth), "albedo": catalog.albedo_map is not None,
+    }  # fmt: skip
+    start = HEADER.itemsize + tables_type(sizes).itemsize
+    return (
+        start
+        + len(catalog) * point_type(sizes).itemsize
+        + len(catalog) * TILE.itemsize // TILE_POINTS
+    )
+
+
 def _tiled(position_m: Array) -> list[Index]:
     """Rows of each tile: halves along the longest extent, until at most `TILE_POINTS` are left."""
     todo, found = [np.arange(len(position_m))], []
@@ -237,7 +253,7 @@ def stored(points: AnyArray, name: str) -> Array:
     return np.asarray(middle + step * points[name])
 
 
-def _claims(catalog: Any, rows: Index, header: Any, kept: tuple[Index, Index, Mask]) -> Bytes:
+def _claims(catalog: Catalog, rows: Index, header: Any, kept: tuple[Index, Index, Mask]) -> Bytes:
     """Four bytes for each scale, Sun and view (n, s, u, v, 4)."""
     views, scales, suns = kept
     given = [catalog.part(name, rows)[:, scales][:, :, views][..., suns] for name in PACKED]

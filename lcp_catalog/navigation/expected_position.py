@@ -397,11 +397,11 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         points.counts,
         _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query),
         (float(of_sun), float(above)),
-        _joint(catalog, points, query),
+        joint_of(catalog, points, query),
     )
 
 
-def _joint(catalog: Catalog, points: FramePoints, query: Query) -> JointDetection:
+def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetection:
     """How many of the points in view are found together, searched for with the attitude known as stated, else as
     `locate` takes it.
     """
