@@ -51,6 +51,7 @@ def main(words: Sequence[str]) -> int:
         for found in catalog_uses.tried(Path(folder), given.indices, [*catalog_uses.USES]):
             if found["tried"] % 900 == 0:
                 print("uses of edited and turned files:", dict(found), flush=True)
+        print("all uses of edited and turned files:", dict(found))
     for name, damages, count in kinds:
         noticed = _damaged_checkpoints(damages, given.seed, count)
         print(f"checkpoints, {name}: noticed {noticed} / tried {count}")

@@ -497,13 +497,14 @@ def _chosen(statistics: Statistics, most: int) -> tuple[AnyArray, str]:
     if len(order) <= most:
         return order, f"All {len(order)} points, sorted by usable share."
     third = most // 3
-    between = order[third:-third]
+    last = len(order) - third
+    between = order[third:last]
     sample = between[np.linspace(0, len(between) - 1, most - 2 * third).astype(int)]
     text = (
         f"{most} of {len(order)} points: the {third} with the largest usable share, the {third} with the "
         "smallest, and an even sample of the others."
     )
-    return np.concatenate([order[:third], sample, order[-third:]]), text
+    return np.concatenate([order[:third], sample, order[last:]]), text
 
 
 def _card(catalog: Catalog, statistics: Statistics, disc: SunDisc, i: int) -> dict[str, Any]:

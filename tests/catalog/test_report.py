@@ -93,6 +93,12 @@ def test_few_and_no_points_have_pages() -> None:
     assert "The catalogue has no points." in none
 
 
+@pytest.mark.parametrize("most", [0, 2, 3])
+def test_the_page_has_so_many_cards(most: int) -> None:
+    html = report.render_report(catalogs.catalog(4), "four.h5", cards_max=most)
+    assert parsed(html).counts["article"] == most + 1  # the chosen point
+
+
 def test_a_region_without_ground_and_one_node_has_a_page() -> None:
     void = Overview(
         height=np.full((1, 1), np.nan),
