@@ -6,10 +6,10 @@ imports are made, and then forks a process for each call that shall fail.
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import errno
 import mmap
+import multiprocessing.util
 import os
 import re
 import select
@@ -179,7 +179,7 @@ class Attempts:
             self._state[:8] = struct.pack("q", 1)
             code = run(words.split())
             self._state[:8] = struct.pack("q", 0)
-            atexit._run_exitfuncs()  # as at the end of a process that is no fork: folders of sockets
+            multiprocessing.util._exit_function()  # as where a process that is no fork ends: folders of sockets
             sys.stdout.flush()
             sys.stderr.flush()
         except BaseException:
