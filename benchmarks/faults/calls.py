@@ -28,6 +28,7 @@ import numpy as np
 from lcp_cli.main import run
 
 from benchmarks.faults import failing
+from lcp_catalog.tradeoff import measurement
 from tests.helpers import small_commands
 
 MALLOC = ("query", "inspect", "export .gpkg", "render", "merge")
@@ -126,6 +127,10 @@ def _file(name: str) -> str:
 def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     """Try a command; write its row of the table. True if nothing was wrong."""
     words = small_commands.COMMANDS[name]
+    workers = (
+        measurement.Workers
+    )  # the tiers of `trade` here, not in processes that each import all anew
+    measurement.Workers = lambda isolated: workers(isolated=False)  # type: ignore[assignment,misc]
     attempts = failing.Attempts(folder / _file(name))
     inputs = words.inputs(folder / "inputs")
     if not words.cold:

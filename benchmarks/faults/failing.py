@@ -179,7 +179,8 @@ class Attempts:
             self._state[:8] = struct.pack("q", 1)
             code = run(words.split())
             self._state[:8] = struct.pack("q", 0)
-            multiprocessing.util._exit_function()  # as where a process that is no fork ends: folders of sockets
+            # as where a process that is no fork ends: folders of sockets are removed
+            multiprocessing.util._exit_function()  # type: ignore[attr-defined]
             sys.stdout.flush()
             sys.stderr.flush()
         except BaseException:

@@ -136,7 +136,6 @@ def _uses(ending: str) -> list[tuple[str, str]]:
         if (not words.cold and not name.startswith("export")) or name in (
             "export .gpkg",
             "export .lmk",
-            "trade",
         ):
             found += [(name, word) for word in given if word.endswith(ending)]
     return found

@@ -4,6 +4,7 @@ reader joins `USES`; `benchmarks/faults/damage.py` and `tests/catalog/test_damag
 
 from __future__ import annotations
 
+import functools
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -143,9 +144,11 @@ def damaged(
 
 def tried(folder: Path, flips: int, uses: Sequence[str]) -> Iterator[Counter[str]]:
     """Outcomes of some uses of all damaged copies, read as large files are, summed up: ``tried``, ``refused``, ``same``
-    as of the whole file. AssertionError for one that is taken.
+    as of the whole file. AssertionError for one that is taken. What the process of a check says of a file is asked
+    for once, and not by each use again.
     """
     verification._WHOLE_BYTES = 0
+    verification.apart = functools.lru_cache(4)(verification.apart)
     whole = written(folder)
     sound = {use: outcome(use, whole, folder) for use in uses}
     found = Counter[str]()
