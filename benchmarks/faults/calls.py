@@ -31,7 +31,7 @@ from benchmarks.faults import failing
 from lcp_catalog.tradeoff import measurement
 from tests.helpers import small_commands
 
-MALLOC = ("query", "inspect", "export .gpkg", "render", "merge")
+MALLOC = ("query", "inspect", "export .gpkg", "render", "merge", "build-catalog")
 """Commands of which memory is made to fail."""
 CHANGING = ("write", "rename", "unlink", "fsync")
 """Kinds of calls that also fail in runs that replace an old output."""
@@ -43,13 +43,8 @@ def main(words: Sequence[str]) -> int:
         description=__doc__,
         formatter_class=argparse.RawTextHelpFormatter,
     )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="NAME",
-        choices=[*small_commands.COMMANDS],
-        default=[*small_commands.COMMANDS],
-    )
+    names = [*small_commands.COMMANDS]
+    parser.add_argument("--only", nargs="+", metavar="NAME", choices=names, default=names)
     parser.add_argument("--kinds", nargs="+", choices=[*failing.KINDS], default=[*failing.KINDS])
     parser.add_argument(
         "--spread",
@@ -57,13 +52,8 @@ def main(words: Sequence[str]) -> int:
         metavar="N",
         help="at most N calls of each kind and error, spread evenly; default: all",
     )
-    parser.add_argument(
-        "--malloc",
-        type=int,
-        default=300,
-        metavar="N",
-        help="calls for memory that fail, of each command that is tried so",
-    )
+    malloc = "calls for memory that fail, of each command that is tried so"
+    parser.add_argument("--malloc", type=int, default=300, metavar="N", help=malloc)
     parser.add_argument("--jobs", type=int, default=2, help="commands that are tried at once")
     given = parser.parse_args(words)
     with tempfile.TemporaryDirectory() as name:
@@ -89,11 +79,8 @@ def _tried(given: argparse.Namespace, folder: Path) -> int:
         name = running.pop(process)
         if status:
             failed.append(name)
-    rows = [
-        (folder / f"{_file(name)}.row").read_text()
-        for name in given.only
-        if (folder / f"{_file(name)}.row").exists()
-    ]
+    files = [folder / f"{_file(name)}.row" for name in given.only]
+    rows = [file.read_text() for file in files if file.exists()]
     print("\n| command | " + " | ".join(given.kinds) + " |\n| --- |" + " ---: |" * len(given.kinds))
     print("".join(rows), end="")
     print(f"wrong: {failed or 'nothing'}")
