@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile 
 
 .DELETE_ON_ERROR:
 .PHONY: all venv catalog test check test-slow docs wheel evidence bench bench-build bench-peers bench-query bench-merge soak \
-        coverage mutants help clean
+        flight coverage mutants help clean
 
 all: catalog
 
@@ -67,6 +67,10 @@ bench-merge: $(READY) ## the merge of a million points, and the check of 100 000
 
 soak: $(READY) ## kills, full disks, damaged files and damaged inputs, for hours
 	$(BIN)/python -m benchmarks.faults all
+
+flight: $(READY) ## the C reference of the flight file: its vector, sanitizers, 1575 points of frames beside Python, and what it needs
+	$(BIN)/python -m pytest tests/flight
+	$(BIN)/python -m benchmarks.flight
 
 coverage: $(READY) ## the fast tests with the share of lines that they run
 	$(INSTALL) --group coverage

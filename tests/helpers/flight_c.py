@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -157,14 +157,14 @@ def difference(
     reach: int,
 ) -> Difference:
     """Render, search and fit one point by both: its number in the file and its row in the catalogue."""
-    start = perf_counter()
+    start = process_time()
     python = flight_vector.match(catalog, row, frame.image, law, reach)
-    middle = perf_counter()
+    middle = process_time()
     code = reference.render(number, frame.camera, reference.law(law != "lommel-seeliger"), 0.5)
     c_match = None
     if code == 0:
         code, c_match = reference.match(frame.record, (0, 0), reach)
-    end = perf_counter()
+    end = process_time()
     shown, share, off, grown = reference.shown, np.nan, np.nan, np.nan
     if code in (0, 8, 9, 10) and python.shown.shape == (shown["rows"], shown["cols"]):
         pixels = int(shown["rows"] * shown["cols"])
@@ -225,6 +225,25 @@ def position(
     count = ctypes.c_int32(len(places))
     code = reference.call("example_position", frame.camera, *given, count, out, six)
     return code, out["position"], six[:3, :3]
+
+
+def position_sigmas(
+    reference: Reference, frame: Frame, places: np.ndarray, found: Sequence[Difference]
+) -> float:
+    """Between the example's position and `pose.solve`, from the agreeing ones of points at places (n, 3), in sigmas of the
+    position; NaN for fewer than four.
+    """
+    used = agreeing(found)
+    if len(used) < 4:
+        return float("nan")
+    pixels = np.array([found[k].match["pixel"] for k in used])
+    covariances = np.array([found[k].match["covariance"] for k in used])
+    code, solved, six = position(reference, frame, places[used], pixels, covariances)
+    pose = flight_vector.solved(frame.sensor, places[used], pixels, covariances)
+    assert CODES[code] == "OK"
+    theirs = pose.position_covariance_m2
+    np.testing.assert_allclose(six, theirs, rtol=0.01, atol=0.01 * theirs.max())
+    return float(np.linalg.norm(solved - pose.position_mcmf_m)) / pose.position_sigma_m
 
 
 def camera_record(camera: Camera) -> np.ndarray:
