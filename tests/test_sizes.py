@@ -24,10 +24,10 @@ SIZES = _module()
 
 
 BUDGETS = {
-    "code lines, benchmarks": 4475,  # 4100, 350 for calls that fail, and 25 for frames that are located
+    "code lines, benchmarks": 4606,  # 4100, 350 for calls that fail, 25 for frames that are located, 131 for the flight file
     "code lines, lcp_catalog": 41220,  # 40 390, 430 for flight files, 400 for mistakes in camera files and what a camera sees
     "code lines, cli": 3726,  # 3500, 60 for images of a catalogue, 90 for flight files, 12 for the albedo map, 64 for cameras
-    "words of docs": 47530,  # 45 000, 1500 for the page on reliability, 930 for the flight file, 100 for cameras
+    "words of docs": 47860,  # 45 000, 1500 for the page on reliability, 1260 for the flight file and its how-to, 100 for cameras
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
