@@ -126,6 +126,7 @@ OPTIONS = {
     "sun.azimuths_deg": Spelling("--sun-azimuths", "LIST", NUMBERS),
     "sun.elevations_deg": Spelling("--sun-elevations", "LIST", NUMBERS),
     "points.spacing_m": Spelling("--spacing", "KM"),
+    "points.located_probability": Spelling("--located-probability", "P"),
     "points.per_view": Spelling("--per-view", "N"),
     "points.footprint_km": Spelling("--footprint", "KM"),
     "points.max_points": Spelling("--max-points", "N"),

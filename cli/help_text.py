@@ -39,7 +39,8 @@ GROUPS = {
         *("--accuracy", "--tolerance"),
     ),
     "Points": (
-        *("--spacing", "--per-view", "--footprint", "--max-points", "--max-bytes", "--search"),
+        *("--spacing", "--located-probability", "--per-view", "--footprint"),
+        *("--max-points", "--max-bytes", "--search"),
         *("--noise", "--max", "--min-points", "--image-scale"),
     ),
     "What is known before": (

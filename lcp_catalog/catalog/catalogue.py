@@ -33,7 +33,7 @@ from .layout import (
     sigma_step_m,
 )
 from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
-from .schema import COVERAGE_UNKNOWN, OPTIONAL, PACKED, SCHEMA_VERSION, universal
+from .schema import COVERAGE_UNKNOWN, NO_CELL, OPTIONAL, PACKED, SCHEMA_VERSION, universal
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -80,6 +80,7 @@ def _numbers(catalog: CatalogParts) -> dict[str, AnyArray]:
         found["promise/place"] = np.arange(len(catalog.promise.longitude))
         found["promise/step"] = np.arange(len(catalog.promise.size))
         found["promise/part"] = np.arange(len(catalog.promise.gsd))
+        found["promise/unit"] = np.arange(NO_CELL)
     if catalog.coverage_levels is not None:
         found["coverage_levels/block"] = np.arange(len(catalog.coverage_levels.factor))
         found["coverage_levels/code"] = np.arange(np.shape(catalog.coverage_levels.cells)[1])

@@ -462,10 +462,10 @@ def _shares(values: Values, name: str) -> Iterator[Finding]:
 def _check_promise(values: Values) -> Iterator[Finding]:
     if "promise/place" not in values:
         return
-    yield from _numbered(values, ("promise/place", "promise/step", "promise/part"))
+    yield from _numbered(values, ("promise/place", "promise/step", "promise/part", "promise/unit"))
     yield from _outside(values, "promise/latitude", -90.0, 90.0)
     yield from _outside(values, "promise/longitude", -360.0, 720.0)
-    for name in ("met", "served"):
+    for name in ("met", "served", "located", "located_probability"):
         yield from _outside(values, f"promise/{name}", 0.0, 1.0)
     if not (np.diff(values["promise/size"]) > 0).all():
         yield Finding("promise/size", "does not rise")
@@ -480,7 +480,7 @@ def _check_promise(values: Values) -> Iterator[Finding]:
     yield from _where("promise/places", places < 1, "has none")
     if places.sum() != len(values["promise/place"]):
         yield Finding("promise/places", "are not as many as there are")
-    for name in ("gsd", "footprint", "radius"):
+    for name in ("gsd", "footprint", "radius", "units"):
         found = values[f"promise/{name}"]
         yield from _where(f"promise/{name}", ~((found > 0.0) & np.isfinite(found)), "not above 0")
     for name in ("per_view", "lower_bound"):

@@ -401,7 +401,7 @@ def _facts(catalog: Catalog) -> Iterator[tuple[str, Any]]:
     yield "overview", [view.projection, view.center_lon, view.center_lat]
     yield "sigma_step_m", catalog.sigma_step_m
     promise = catalog.promise
-    numbers = ("gsd", "per_view", "footprint", "lower_bound")
+    numbers = ("gsd", "located_probability", "per_view", "footprint", "lower_bound")
     yield "promise", promise and [getattr(promise, name).tolist() for name in numbers]
     for name in ("title", "product_version", "sources", "albedo_map", "scene_plan"):
         yield name, getattr(catalog, name)
@@ -431,7 +431,7 @@ def _finite(value: Any) -> Any:
 
 def _maps(one: Catalog, other: Catalog, unequal: set[str]) -> Iterator[tuple[str, str]]:
     """Variables of the groups that differ, and how."""
-    skipped = {"cell", "place", "step", "part", "block", "code"}  # numbers of rows
+    skipped = {"cell", "place", "step", "part", "block", "code", "unit"}  # numbers of rows
     for group, members in GROUPS.items():
         whose = [group in catalog.groups() for catalog in (one, other)] if group else []
         if any(whose) and not all(whose):

@@ -178,8 +178,8 @@ class CoverageMap:
 @_reads_arrays
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """How many usable points a camera over any place of the region sees, and why not as many as
-    promised; v views, e elevations and a azimuths of `sun_cells.SunCells`.
+    """What the points that a camera over any place of the region sees are worth, in units (`landmarks.located`), and why
+    not as much as promised; v views, e elevations and a azimuths of `sun_cells.SunCells`.
 
     A catalogue that joins cell sizes or regions has the promises of all its builds: q of them, whose places
     stand one promise after the other, and no curve against the number of points.
@@ -187,15 +187,18 @@ class Promise:
 
     longitude: AnyArray  # (place,) degrees
     latitude: AnyArray
-    demand: AnyArray  # (place,) uint8 points promised
-    points: AnyArray  # (place, v, e, a) uint8 usable within ``radius``; 255: nothing is promised
+    demand: AnyArray  # (place,) uint8 units promised
+    points: AnyArray  # (place, v, e, a) uint8 units within ``radius``; 255: nothing is promised
     cause: AnyArray  # (place, v, e, a) uint8 `schema.Cause`; 255 likewise
     size: AnyArray  # (step,) points in the order of the greedy choice
-    met: AnyArray  # (step,) share of places and conditions with as many points as candidates allow
-    served: AnyArray  # (step,) share of all points asked for
+    met: AnyArray  # (step,) share of places and conditions with as many units as candidates allow
+    served: AnyArray  # (step,) share of all units asked for
     places: AnyArray  # (q,) number of places of each promise
     gsd: AnyArray  # (q,) cell size, metres, of the points that are counted
-    per_view: AnyArray  # (q,) usable points promised in a footprint
+    located_probability: AnyArray  # (q,) promised to a frame; 0: usable points are promised
+    per_view: AnyArray  # (q,) usable points promised in a footprint; 0: `located_probability` is
+    units: AnyArray  # (q,) units of a point that is as good as certain; 1: each usable point is one
+    located: AnyArray  # (q, 255) probability, at least, that a frame is located by 0, 1, ... units
     footprint: AnyArray  # (q,) metres, diameter of the ground that a camera sees
     radius: AnyArray  # (q,) metres around a place that every camera sees whose nearest place it is
     lower_bound: AnyArray  # (q,) points that every choice with the same promise has; 0: unknown

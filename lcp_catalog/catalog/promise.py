@@ -59,7 +59,10 @@ def merged_promise(catalogs: Sequence[Catalog], lost: Sequence[Index]) -> Promis
         served=np.zeros(0),
         places=column("places"),
         gsd=column("gsd"),
+        located_probability=column("located_probability"),
         per_view=column("per_view"),
+        units=column("units"),
+        located=column("located"),
         footprint=column("footprint"),
         radius=column("radius"),
         lower_bound=column("lower_bound"),
@@ -69,13 +72,13 @@ def merged_promise(catalogs: Sequence[Catalog], lost: Sequence[Index]) -> Promis
 def _without(catalog: Catalog, rows: Index, told: Promise) -> Promise:
     """The promise without points (rows) of the catalogue."""
     radius = np.repeat(told.radius, told.places)
-    gone = np.zeros(len(told.longitude), np.int64)
+    gone, units = np.zeros(len(told.longitude), np.int64), np.repeat(told.units, told.places)
     here = lonlat_to_mcmf(told.longitude, told.latitude, 0.0)
     for row in rows.tolist():
         there = lonlat_to_mcmf(catalog.longitude[row], catalog.latitude[row], 0.0)
         chord = np.linalg.norm(here - there, axis=-1)
         arc = 2.0 * MOON_RADIUS_M * np.arcsin(np.minimum(1.0, 0.5 * chord / MOON_RADIUS_M))
-        gone += (arc <= radius) & np.isin(catalog.gsd[row], told.gsd)
+        gone += units * ((arc <= radius) & np.isin(catalog.gsd[row], told.gsd))
     nothing = told.cause == NO_CELL
     left = np.maximum(told.points.astype(np.int64) - gone[:, None, None, None], 0)
     points = np.where(nothing, NO_CELL, left).astype(np.uint8)
@@ -88,21 +91,23 @@ def kept_promise(catalog: Catalog) -> dict[str, Any] | None:
     """Figures of the promise, ready for JSON; None for a catalogue without one.
 
     A condition is a view and a cell of the Sun grid at a place at which something is promised.
-    ``kept_share``: of all conditions; ``causes``: shares of them by cause; ``worst_suns``: views and
+    ``kept_share``: of all conditions; ``causes``: shares of them by cause; ``located_by_sun``: by the elevation of
+    the Sun the mean over places, azimuths and views of the probability, at least, that a frame of the footprint is located,
+    and the share of conditions in which the promise is kept; ``worst_suns``: views and
     Suns with the smallest shares of places at which the promise is kept; ``curve``: pairs of a
-    number of points and the share of the conditions with as many points as the candidates allow;
+    number of points and the share of the conditions with as much as the candidates allow;
     ``levels``: the figures of each of several promises, else empty.
     """
     promise = catalog.promise
     if promise is None:
         return None
-    cause = catalog.part("promise/cause")
+    cause, points = catalog.part("promise/cause"), catalog.part("promise/points")
     bound = promise.least_points
     steps = np.unique(np.linspace(0, len(promise.size) - 1, _CURVE_STEPS).astype(np.int64))
-    whole = _kept(cause, promise.per_view.max(), promise.footprint.max())
+    promises = (promise.located_probability, promise.per_view, promise.footprint)
+    whole = _kept(cause, *(column.max() for column in promises))
     levels = [
-        {"gsd_m": float(promise.gsd[k])}
-        | _kept(cause[part], promise.per_view[k], promise.footprint[k])
+        {"gsd_m": float(promise.gsd[k])} | _kept(cause[part], *(column[k] for column in promises))
         for k, part in enumerate(promise.parts())
         if len(promise.gsd) > 1
     ]
@@ -110,6 +115,7 @@ def kept_promise(catalog: Catalog) -> dict[str, Any] | None:
         **whole,
         "lower_bound": bound or None,
         "size_over_bound": len(catalog) / bound if bound else None,
+        "located_by_sun": _located_by_sun(catalog, promise, cause, points),
         "worst_suns": _worst(catalog, cause),
         "curve": [
             [int(promise.size[k]), float(promise.met[k])] for k in steps if len(promise.size)
@@ -118,11 +124,12 @@ def kept_promise(catalog: Catalog) -> dict[str, Any] | None:
     }
 
 
-def _kept(cause: AnyArray, per_view: float, footprint_m: float) -> dict[str, Any]:
+def _kept(cause: AnyArray, located: float, per_view: float, footprint_m: float) -> dict[str, Any]:
     """Figures of the places with these causes (place, v, e, a)."""
     counts = np.bincount(cause.ravel(), minlength=NO_CELL + 1)[: max(Cause) + 1]
     total = max(1, int(counts.sum()))
     return {
+        "located_probability": float(located) or None,
         "per_view": int(per_view),
         "footprint_km": float(footprint_m) / 1e3,
         "places": len(cause),
@@ -134,6 +141,25 @@ def _kept(cause: AnyArray, per_view: float, footprint_m: float) -> dict[str, Any
             if cause != Cause.MET and counts[cause]
         },
     }
+
+
+def _located_by_sun(
+    catalog: Catalog, promise: Promise, cause: AnyArray, points: AnyArray
+) -> list[dict[str, Any]]:
+    """Probability of being located by the rows of the Sun grid's cells; see `kept_promise`."""
+    chance = np.zeros(points.shape)
+    for k, part in enumerate(promise.parts()):
+        chance[part] = np.append(promise.located[k], 0.0)[points[part]]
+    there, cells = points != NO_CELL, SunCells.of(catalog.sun_elevation, catalog.sun_azimuth)
+    return [
+        {
+            "sun_elevation_deg": _span(cells.elevation, row, int(cells.above[row])),
+            "located_probability": float(chance[:, :, row][own].mean()),
+            "kept_share": float((cause[:, :, row][own] == Cause.MET).mean()),
+        }
+        for row, own in enumerate(np.moveaxis(there, 2, 0))
+        if own.any()
+    ]
 
 
 def _worst(catalog: Catalog, cause: AnyArray) -> list[dict[str, Any]]:
@@ -174,7 +200,7 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
     for level in found["levels"] or [found]:
         name = f"promise, {level['gsd_m']:g} m" if found["levels"] else "promise"
         text = (
-            f"{level['per_view']} usable points in every footprint of {level['footprint_km']:.4g} km: kept in "
+            f"{promised_text(level)} in every footprint of {level['footprint_km']:.4g} km: kept in "
             f"{100.0 * level['kept_share']:.1f} % of {level['conditions']} places x views x Suns"
         )
         rows.append((name, text))
@@ -183,6 +209,13 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
             rows.append(
                 ("  else", ", ".join(f"{why} {100.0 * share:.1f} %" for why, share in shares))
             )
+    rows += [
+        (
+            f"  Sun {range_text(row['sun_elevation_deg'])}",
+            f"located with at least {row['located_probability']:.2f}, kept in {100.0 * row['kept_share']:.1f} %",
+        )
+        for row in found["located_by_sun"]
+    ]
     rows += [("  worst Sun", worst_text(sun)) for sun in found["worst_suns"]]
     if found["lower_bound"]:
         text = f"at least {found['lower_bound']:.1f} points keep it, {found['size_over_bound']:.2f} times as many do"
@@ -190,13 +223,21 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
     return rows
 
 
+def promised_text(level: dict[str, Any]) -> str:
+    """What is promised in a footprint."""
+    if level["located_probability"]:
+        return f"located with a probability of {level['located_probability']:g}"
+    return f"{level['per_view']} usable points"
+
+
 def worst_text(sun: dict[str, Any]) -> str:
     """Text for one of the worst Suns."""
     return (
-        f"elevation {_range_text(sun['sun_elevation_deg'])}, azimuth {_range_text(sun['sun_azimuth_deg'])}, view "
+        f"elevation {range_text(sun['sun_elevation_deg'])}, azimuth {range_text(sun['sun_azimuth_deg'])}, view "
         f"{sun['view']}: kept at {100.0 * sun['kept_share']:.1f} % of {sun['places']} places ({sun['cause']})"
     )
 
 
-def _range_text(span: list[float]) -> str:
+def range_text(span: list[float]) -> str:
+    """A range of angles."""
     return f"{' to '.join(dict.fromkeys(f'{value:g}' for value in span))}°"

@@ -36,7 +36,7 @@ from .charts import (
     symbol,
 )
 from .layout import packing
-from .promise import worst_text
+from .promise import promised_text, range_text, worst_text
 from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, SCHEMA_VERSION, usable
 from .summary import (
     Statistics,
@@ -404,7 +404,8 @@ def _promise(catalog: Catalog, found: dict[str, Any]) -> dict[str, Any] | None:
             line, "share of the conditions that are served, against the number of points"
         )
     worst = [worst_text(sun) for sun in told["worst_suns"]]
-    return {**told, "chart": chart, "worst": worst}
+    texts = {"promised": promised_text, "range": range_text}
+    return {**told, **texts, "chart": chart, "worst": worst}
 
 
 def _map(catalog: Catalog, statistics: Statistics) -> Markup:

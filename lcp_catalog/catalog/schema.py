@@ -68,12 +68,12 @@ COVERAGE_STATUS = {
 
 
 class Cause(IntEnum):
-    """Why fewer points than promised are usable near a place under a view and the Suns of a cell; those
+    """Why the points near a place are worth less than promised under a view and the Suns of a cell; those
     of several candidates: the last of the list.
     """
 
     MET = 0
-    """As many as promised."""
+    """As much as promised."""
     NODATA = 1
     """No heights there."""
     DARK = 2
@@ -87,7 +87,7 @@ class Cause(IntEnum):
     MARGINAL = 6
     """Usable under the Suns that were evaluated, but not surely between them."""
     FEW = 7
-    """Usable candidates, but fewer than promised."""
+    """Usable candidates, but too few."""
     SIZE = 8
     """Enough usable candidates, but the number of points is limited."""
 
@@ -305,28 +305,42 @@ PROMISE = {
     "place": Variable(("place",), "i4", "1", "number of the place"),
     "longitude": Variable(("place",), "f8", "degrees_east", "longitude of the place"),
     "latitude": Variable(("place",), "f8", "degrees_north", "latitude of the place"),
-    "demand": Variable(("place",), "u1", "1", "usable points promised to a camera above the place"),
+    "demand": Variable(("place",), "u1", "1", "units promised to a camera above the place"),
     "points": Variable(
         _NEAR,
         "u1",
         "1",
-        "points near the place that are usable under all Suns from this elevation and azimuth to the next",
+        "units of the points near the place, under all Suns from this elevation and azimuth to the next",
     ),
-    "cause": Variable(_NEAR, "u1", "1", "why there are fewer points than promised"),
+    "cause": Variable(_NEAR, "u1", "1", "why there are fewer units than promised"),
     "step": Variable(("step",), "i4", "1", "number of the step of the choice"),
     "size": Variable(("step",), "i4", "1", "number of points chosen up to the step"),
     "met": Variable(
-        ("step",), "f8", "1", "share of the places and conditions with as many points as possible"
+        ("step",), "f8", "1", "share of the places and conditions with as many units as possible"
     ),
     "served": Variable(
-        ("step",), "f8", "1", "share of all points that places and conditions ask for"
+        ("step",), "f8", "1", "share of all units that places and conditions ask for"
     ),
     "part": Variable(("part",), "i4", "1", "number of the promise of one cell size and region"),
     "places": Variable(
         ("part",), "i4", "1", "number of its places; those of the first promise come first"
     ),
     "gsd": Variable(("part",), "f8", "m", "cell size of the points that it counts"),
+    "located_probability": Variable(
+        ("part",),
+        "f8",
+        "1",
+        "promised probability that a frame is located; 0: usable points are promised",
+    ),
     "per_view": Variable(("part",), "i4", "1", "usable points promised in a footprint"),
+    "units": Variable(("part",), "i4", "1", "units of a point that is as good as certain"),
+    "unit": Variable(("unit",), "i4", "1", "number of units"),
+    "located": Variable(
+        ("part", "unit"),
+        "f8",
+        "1",
+        "probability, at least, that a frame is located by so many units",
+    ),
     "footprint": Variable(("part",), "f8", "m", "diameter of the ground that a camera sees"),
     "radius": Variable(
         ("part",), "f8", "m", "around a place that every camera sees whose nearest place it is"

@@ -1,8 +1,8 @@
-"""Multicover by bit sets: candidates that serve, at some places, some of the conditions there.
+"""Multicover: candidates that are worth some units, at some places, in the conditions there.
 
-Candidate i serves condition c of place p if p is one of ``place[first[i]:first[i + 1]]`` and bit c of
-``bits[row[k]]`` (words of 64 bits) is set, where place[k] is p. ``slack`` (place, condition): how many more of the chosen
-candidates serve it than are wanted; `FREE` where none is wanted.
+Candidate i is worth ``worth[row[k], c]`` units (uint8) in condition c of place p if p is one of
+``place[first[i]:first[i + 1]]`` and place[k] is p. ``slack`` (place, condition), int16: how many more units the
+chosen candidates have than are wanted; `FREE` where none is wanted.
 """
 
 import heapq
@@ -11,28 +11,7 @@ import numpy as np
 from numba import njit
 
 FREE = 20_000
-"""Slack of a condition that wants no candidate: more than any count reaches."""
-
-_ONE = np.uint64(1)
-_PAIRS = np.uint64(0x5555555555555555)
-_FOURS = np.uint64(0x3333333333333333)
-_BYTES = np.uint64(0x0F0F0F0F0F0F0F0F)
-_SUM = np.uint64(0x0101010101010101)
-
-
-@njit(cache=True, nogil=True)
-def _ones(word):
-    """Number of bits that are set."""
-    word = word - ((word >> _ONE) & _PAIRS)
-    word = (word & _FOURS) + ((word >> np.uint64(2)) & _FOURS)
-    word = (word + (word >> np.uint64(4))) & _BYTES
-    return np.int64((word * _SUM) >> np.uint64(56))
-
-
-@njit(cache=True, nogil=True)
-def _lowest(word):
-    """Number of the lowest bit that is set."""
-    return _ones((word & (~word + _ONE)) - _ONE)
+"""Slack of a condition that wants nothing: more than any sum reaches."""
 
 
 @njit(cache=True, nogil=True)
@@ -46,83 +25,68 @@ def raise_to(best, first, place, values):
 
 
 @njit(cache=True, nogil=True)
-def count(found, first, place, row, bits, rows):
-    """Add to found (place, condition), int16, how many of the candidates ``rows`` serve each, up to
-    `FREE`.
-    """
+def count(found, first, place, row, worth, rows):
+    """Add to found (place, condition), int16, the units of the candidates ``rows``, up to `FREE`."""
     for i in rows:
         for k in range(first[i], first[i + 1]):
-            own = found[place[k]]
-            for w in range(bits.shape[1]):
-                word = bits[row[k], w]
-                while word:
-                    c = 64 * w + _lowest(word)
-                    own[c] = min(own[c] + 1, FREE)
-                    word &= word - _ONE
+            own, units = found[place[k]], worth[row[k]]
+            for c in range(len(units)):
+                own[c] = min(own[c] + units[c], FREE)
 
 
 @njit(cache=True, nogil=True)
-def _gain(i, first, place, row, bits, lacking):
-    """Number of conditions with negative slack that a candidate serves."""
-    found = 0
+def _gain(i, first, place, row, worth, slack):
+    """Units of a candidate that conditions with negative slack lack."""
+    found = np.int64(0)
     for k in range(first[i], first[i + 1]):
-        for w in range(bits.shape[1]):
-            word = bits[row[k], w] & lacking[place[k], w]
-            if word:
-                found += _ones(word)
+        own, units = slack[place[k]], worth[row[k]]
+        part = np.int32(0)
+        for c in range(len(units)):
+            part += min(np.int32(units[c]), max(np.int32(0), np.int32(-own[c])))
+        found += part
     return found
 
 
 @njit(cache=True, nogil=True)
-def _add(i, sign, first, place, row, bits, slack, lacking, tight):
+def _add(i, sign, first, place, row, worth, slack):
     """Add a candidate to the chosen ones, or take it away (sign -1); return the number of conditions
     that have no negative slack any more.
     """
-    met = 0
+    met = np.int64(0)
     for k in range(first[i], first[i + 1]):
-        p = place[k]
-        for w in range(bits.shape[1]):
-            word = bits[row[k], w]
-            while word:
-                bit = word & (~word + _ONE)
-                c = 64 * w + _ones(bit - _ONE)
-                word ^= bit
-                if slack[p, c] >= FREE:
-                    continue
-                slack[p, c] += sign
-                now = slack[p, c]
-                if now == 0:
-                    tight[p, w] |= bit
-                else:
-                    tight[p, w] &= ~bit
-                if now < 0:
-                    lacking[p, w] |= bit
-                else:
-                    if sign > 0 and now == 0:
-                        met += 1
-                    lacking[p, w] &= ~bit
+        own, units = slack[place[k]], worth[row[k]]
+        part = np.int32(0)
+        for c in range(len(units)):
+            before = own[c]
+            after = before if before >= FREE else np.int16(before + sign * np.int16(units[c]))
+            own[c] = after
+            part += np.int32(before < 0) & np.int32(after >= 0)
+        met += part
     return met
 
 
 @njit(cache=True, nogil=True)
-def _is_needed(i, first, place, row, bits, tight):
+def _is_needed(i, first, place, row, worth, slack):
     """True if a condition would have negative slack without the candidate."""
     for k in range(first[i], first[i + 1]):
-        for w in range(bits.shape[1]):
-            if bits[row[k], w] & tight[place[k], w]:
-                return True
+        own, units = slack[place[k]], worth[row[k]]
+        needed = False
+        for c in range(len(units)):
+            needed |= own[c] < np.int16(units[c])
+        if needed:
+            return True
     return False
 
 
 @njit(cache=True, nogil=True)
-def greedy(first, place, row, bits, slack, lacking, tight, most):
-    """Choose up to ``most`` candidates, always the one that serves most conditions with negative
-    slack, of several the first. Return their numbers in the order of the choice, and after each how
+def greedy(first, place, row, worth, slack, most):
+    """Choose up to ``most`` candidates, always the one with most units that conditions with negative
+    slack lack, of several the first. Return their numbers in the order of the choice, and after each how
     many conditions have no negative slack any more and how much of all that was lacking is served.
     """
     heap = [(np.int64(0), np.int64(0)) for _ in range(0)]
     for i in range(len(first) - 1):
-        gain = _gain(i, first, place, row, bits, lacking)
+        gain = _gain(i, first, place, row, worth, slack)
         if gain:
             heap.append((-gain, np.int64(i)))
     heapq.heapify(heap)
@@ -131,13 +95,13 @@ def greedy(first, place, row, bits, slack, lacking, tight, most):
     size = done = total = 0
     while heap and size < len(chosen):
         stored, i = heapq.heappop(heap)
-        gain = _gain(i, first, place, row, bits, lacking)
+        gain = _gain(i, first, place, row, worth, slack)
         if gain == 0:
             continue
         if gain < -stored:
             heapq.heappush(heap, (-gain, i))
             continue
-        done += _add(i, 1, first, place, row, bits, slack, lacking, tight)
+        done += _add(i, 1, first, place, row, worth, slack)
         total += gain
         chosen[size], met[size], served[size] = i, done, total
         size += 1
@@ -145,17 +109,17 @@ def greedy(first, place, row, bits, slack, lacking, tight, most):
 
 
 @njit(cache=True, nogil=True)
-def drop(chosen, is_chosen, first, place, row, bits, slack, lacking, tight):
+def drop(chosen, is_chosen, first, place, row, worth, slack):
     """Take away the chosen candidates, the last first, that no condition needs."""
     for k in range(len(chosen) - 1, -1, -1):
         i = chosen[k]
-        if is_chosen[i] and not _is_needed(i, first, place, row, bits, tight):
-            _add(i, -1, first, place, row, bits, slack, lacking, tight)
+        if is_chosen[i] and not _is_needed(i, first, place, row, worth, slack):
+            _add(i, -1, first, place, row, worth, slack)
             is_chosen[i] = False
 
 
 @njit(cache=True, nogil=True)
-def exchange(is_chosen, first, place, row, bits, slack, lacking, tight, first_at, candidate_at):
+def exchange(is_chosen, first, place, row, worth, slack, first_at, candidate_at):
     """Add each candidate in turn that makes at least two chosen ones superfluous, and take those away;
     return the number of exchanges. ``first_at``, ``candidate_at``: the candidates of each place.
     """
@@ -165,7 +129,7 @@ def exchange(is_chosen, first, place, row, bits, slack, lacking, tight, first_at
     for j in range(len(is_chosen)):
         if is_chosen[j]:
             continue
-        _add(j, 1, first, place, row, bits, slack, lacking, tight)
+        _add(j, 1, first, place, row, worth, slack)
         size = 0
         seen[j] = j
         for k in range(first[j], first[j + 1]):
@@ -173,8 +137,8 @@ def exchange(is_chosen, first, place, row, bits, slack, lacking, tight, first_at
                 i = candidate_at[m]
                 if is_chosen[i] and seen[i] != j:
                     seen[i] = j
-                    if not _is_needed(i, first, place, row, bits, tight):
-                        _add(i, -1, first, place, row, bits, slack, lacking, tight)
+                    if not _is_needed(i, first, place, row, worth, slack):
+                        _add(i, -1, first, place, row, worth, slack)
                         gone[size] = i
                         size += 1
         if size > 1:
@@ -184,22 +148,21 @@ def exchange(is_chosen, first, place, row, bits, slack, lacking, tight, first_at
             done += 1
         else:
             for k in range(size):
-                _add(gone[k], 1, first, place, row, bits, slack, lacking, tight)
-            _add(j, -1, first, place, row, bits, slack, lacking, tight)
+                _add(gone[k], 1, first, place, row, worth, slack)
+            _add(j, -1, first, place, row, worth, slack)
     return done
 
 
 @njit(cache=True, nogil=True)
-def prices(first, place, row, bits, price):
-    """Sum of the prices (place, condition) of what each candidate serves, float64."""
+def prices(first, place, row, worth, price):
+    """Sum of the prices (place, condition) of the units of each candidate, float64."""
     found = np.zeros(len(first) - 1)
     for i in range(len(found)):
         total = 0.0
         for k in range(first[i], first[i + 1]):
-            for w in range(bits.shape[1]):
-                word = bits[row[k], w]
-                while word:
-                    total += price[place[k], 64 * w + _lowest(word)]
-                    word &= word - _ONE
+            own, units = price[place[k]], worth[row[k]]
+            for c in range(len(units)):
+                if units[c]:
+                    total += units[c] * own[c]
         found[i] = total
     return found

@@ -2,8 +2,8 @@
 candidate than at the place.
 
 Cells of a Sun grid are cut into parts. A part in which the Sun can stand at a place is a box of elevation and
-azimuth; turned into the frame of a candidate it overlaps some cells, in all of which the candidate must
-be usable. ``grid``: elevations and azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`);
+azimuth; turned into the frame of a candidate it overlaps some cells, and is worth there what it is worth
+in the least of them. ``grid``: elevations and azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`);
 cell (i, j) has the number i a + j.
 """
 
@@ -147,54 +147,54 @@ def overlapped(box, grid, happens, known, cells):
 
 
 @njit(cache=True, nogil=True)
-def _usable(cells, size, usable, shift, columns):
-    """True if a candidate's conditions (c,) hold in all of the cells, of the view with this ``shift``."""
+def _least(cells, size, units, shift, columns):
+    """The least units of a candidate (c,) in any of the cells, of the view with this ``shift``."""
     if size <= 0:
-        return False
+        return np.uint8(0)
+    least = np.uint8(255)
     for k in range(size):
         c = columns[cells[k]]
-        if c < 0 or not usable[shift + c]:
-            return False
-    return True
+        if c < 0:
+            return np.uint8(0)
+        least = min(least, units[shift + c])
+    return least
 
 
 @njit(cache=True, nogil=True)
-def served(bits, usable, turns, away, spread, bend, boxes, grid, happens, known, columns, views):
-    """Take from the bits (words,) of a candidate at a place the conditions that it does not serve there.
+def served(worth, units, turns, away, spread, bend, boxes, grid, happens, known, columns, views):
+    """Lower the units (condition,) that a candidate is worth at a place to what it surely is there.
 
-    ``usable`` (condition,): by the angles at the candidate; ``turns`` (3, 3): from the frame of the place to
+    ``units`` (condition,): by the angles at the candidate; ``turns`` (3, 3): from the frame of the place to
     that of the candidate.
     """
-    each = len(usable) // views
+    each = len(units) // views
     box, cells = np.zeros(4), np.zeros(len(columns), np.int64)
     for part in boxes:
         own = columns[int(part[0])]
         size = -2
-        for shift in range(0, len(usable), each):
+        for shift in range(0, len(units), each):
             c = shift + own
-            bit = np.uint64(1) << np.uint64(c % 64)
-            if not bits[c // 64] & bit:
+            if not worth[c]:
                 continue
             if size == -2:
                 _turned(part, turns, away, spread, bend, box)
                 size = overlapped(box, grid, happens, known, cells)
-            if not _usable(cells, size, usable, shift, columns):
-                bits[c // 64] &= ~bit
+            worth[c] = min(worth[c], _least(cells, size, units, shift, columns))
 
 
 @njit(cache=True, nogil=True)
-def serve(bits, found, near, frames, spread, usable, suns, grid, columns, views, limit):
-    """`served` for all pairs, once for each row of bits; ``found`` (place, condition) is set where the Sun can
+def serve(worth, found, near, frames, spread, units, suns, grid, columns, views, limit):
+    """`served` for all pairs, once for each row of worth; ``found`` (place, condition) is set where the Sun can
     stand in a cell at a place.
 
-    ``near``: where the pairs of each place start, and of each pair the candidate and the row of bits.
+    ``near``: where the pairs of each place start, and of each pair the candidate and the row of worth.
     ``frames``: latitudes (p,) and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3). ``suns``: the
     number of each candidate's latitude, and what happens and is evaluated there (`overlapped`).
     """
     starts, candidate, row = near
     lats, axes, others = frames
     number, happens, known = suns
-    each = usable.shape[1] // views
+    each = units.shape[1] // views
     size = 1
     for i in range(len(grid[0])):
         high = grid[0][max(grid[2][i], i)] - grid[0][i]
@@ -202,7 +202,7 @@ def serve(bits, found, near, frames, spread, usable, suns, grid, columns, views,
             len(grid[1]) + math.ceil(360.0 / PART_DEG[1])
         )
     boxes = np.zeros((size, 5))
-    done = np.zeros(len(bits), np.bool_)
+    done = np.zeros(len(worth), np.bool_)
     for p in range(len(lats)):
         size = parts_of_cells(lats[p], grid, columns, limit + spread, boxes)
         for part in boxes[:size]:
@@ -220,6 +220,6 @@ def serve(bits, found, near, frames, spread, usable, suns, grid, columns, views,
             bend = bend if spread > 0.0 else 0.0
             own = number[i]
             served(
-                bits[row[k]], usable[i], turns, away, spread, bend, boxes[:size], grid,
+                worth[row[k]], units[i], turns, away, spread, bend, boxes[:size], grid,
                 happens[own], known[own], columns, views,
             )  # fmt: skip

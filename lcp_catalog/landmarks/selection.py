@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import AnyArray, Array, Index, Int16, Mask
+from ..arrays import AnyArray, Array, Bytes, Index, Int16, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.bounds import turned_deg
 from ..geometry.frames import lonlat_to_mcmf
@@ -42,8 +42,8 @@ _PLACES_LEFT = 2
 
 @dataclass(frozen=True)
 class Cover:
-    """What candidates serve: candidate i serves condition c of place p if p is ``place[k]`` with k in
-    ``first[i]:first[i + 1]`` and bit c of ``bits[row[k]]`` is set (`packed`).
+    """What candidates are worth: candidate i has ``worth[row[k], c]`` units in condition c of place p if p is
+    ``place[k]`` with k in ``first[i]:first[i + 1]``.
 
     Candidates are in order of preference: among equally good choices the first is taken.
     """
@@ -51,24 +51,23 @@ class Cover:
     first: Index  # (n + 1,)
     place: AnyArray  # (k,) int32
     row: AnyArray  # (k,) int32
-    bits: AnyArray  # (rows, words) uint64
+    worth: Bytes  # (rows, condition)
     places: int
-    conditions: int
 
     def __len__(self) -> int:
         return len(self.first) - 1
 
     def counts(self, rows: ArrayLike) -> Int16:
-        """How many of the candidates ``rows`` serve each condition, (place, condition), at most
+        """Units of the candidates ``rows`` in each condition, (place, condition), at most
         `kernels.multicover.FREE`.
         """
-        found = np.zeros((self.places, self.conditions), np.int16)
+        found = np.zeros((self.places, self.worth.shape[1]), np.int16)
         kernels.count(found, *self.links, np.asarray(rows, np.int64))
         return found
 
     @property
-    def links(self) -> tuple[Index, AnyArray, AnyArray, AnyArray]:
-        return self.first, self.place, self.row, self.bits
+    def links(self) -> tuple[Index, AnyArray, AnyArray, Bytes]:
+        return self.first, self.place, self.row, self.worth
 
     def at_places(self, some: Index) -> Cover:
         """The same candidates at some of the places, which are numbered anew."""
@@ -78,7 +77,7 @@ class Cover:
         near = place >= 0
         candidate = np.repeat(np.arange(len(self)), np.diff(self.first))[near]
         first = np.concatenate([[0], np.cumsum(np.bincount(candidate, minlength=len(self)))])
-        return Cover(first, place[near], self.row[near], self.bits, len(some), self.conditions)
+        return Cover(first, place[near], self.row[near], self.worth, len(some))
 
     @cached_property
     def _at_places(self) -> tuple[Index, Index]:
@@ -100,54 +99,34 @@ class CoverChoice:
     served: Array
 
 
-def packed(serves: Mask) -> AnyArray:
-    """Rows of truth values (n, conditions) as bit sets (n, words) of 64 bits, the first in the lowest
-    bit.
-    """
-    rows = np.packbits(serves, axis=1, bitorder="little")
-    padded = np.zeros((len(rows), -(-rows.shape[1] // 8) * 8), np.uint8)
-    padded[:, : rows.shape[1]] = rows
-    return np.ascontiguousarray(padded).view("<u8")
-
-
-def unpacked(bits: AnyArray, conditions: int) -> Mask:
-    """The truth values (n, conditions) of bit sets (`packed`)."""
-    whole = np.unpackbits(bits.view(np.uint8), axis=1, count=conditions, bitorder="little")
-    return whole.astype(np.bool_)
-
-
 def choose_cover(cover: Cover, wanted: Int16, most: int | None = None) -> CoverChoice:
-    """The fewest candidates found that serve each condition ``wanted`` (place, condition) times, which
+    """The fewest candidates found with the units that are ``wanted`` (place, condition) in each condition, which
     must not exceed `Cover.counts` of all; or, of the choices of ``most``, a greedy one.
 
-    Greedy by the number of conditions that still lack one; then candidates that none needs are
+    Greedy by the units that are still lacking; then candidates that none needs are
     left out, and one is exchanged for two or more where that is possible, unless the size is
     limited. ValueError for a limit below 1.
     """
     if most is not None and most < 1:
         raise ValueError("most must be at least 1")
     slack = np.where(wanted > 0, -wanted, kernels.FREE).astype(np.int16)
-    lacking, tight = packed(slack < 0), packed(slack == 0)
     most = len(cover) if most is None else most
-    first, place, row, bits = cover.links
-    order, met, served = kernels.greedy(first, place, row, bits, slack, lacking, tight, most)
+    order, met, served = kernels.greedy(*cover.links, slack, most)
     total = max(1, int(wanted.sum(dtype=np.int64)))
     is_chosen = np.zeros(len(cover), np.bool_)
     is_chosen[order] = True
     if not (slack < 0).any():  # cut short it has none to spare
-        kernels.drop(order, is_chosen, first, place, row, bits, slack, lacking, tight)
+        kernels.drop(order, is_chosen, *cover.links, slack)
         if len(cover) <= EXCHANGE_MAX:
             starts, near = cover._at_places
-            while kernels.exchange(
-                is_chosen, first, place, row, bits, slack, lacking, tight, starts, near
-            ):
+            while kernels.exchange(is_chosen, *cover.links, slack, starts, near):
                 pass
     return CoverChoice(np.flatnonzero(is_chosen), met, served / total)
 
 
 def least_size(cover: Cover, wanted: Int16, size: int) -> float:
-    """A lower bound of the number of candidates of any choice that serves each condition ``wanted``
-    times: of the linear relaxation, by subgradient ascent on its dual. ``size``: of a known choice.
+    """A lower bound of the number of candidates of any choice with the units that are ``wanted``:
+    of the linear relaxation, by subgradient ascent on its dual. ``size``: of a known choice.
 
     For prices y >= 0 of the conditions the bound is sum(wanted y) - sum(max(0, s - 1)) over the
     candidates' sums s of what they serve; every step's prices give a valid one (Caprara, Fischetti
@@ -191,15 +170,15 @@ def least_size(cover: Cover, wanted: Int16, size: int) -> float:
 def _part(cover: Cover, wanted: Int16, places: int, conditions: int) -> tuple[Cover, Int16]:
     """The problem at every so many-th place, in every so many-th condition."""
     part = cover.at_places(np.arange(0, cover.places, places))
-    asked = np.arange(cover.conditions) % conditions == 0
-    fewer = replace(part, bits=part.bits & packed(asked[None]))
+    asked = np.arange(cover.worth.shape[1]) % conditions == 0
+    fewer = replace(part, worth=part.worth * asked)
     return fewer, np.where(asked, wanted[::places], 0).astype(np.int16)
 
 
 def _work(cover: Cover) -> int:
     """Prices that a step of the ascent adds up."""
-    bits = np.bitwise_count(cover.bits).sum(axis=1, dtype=np.int64)
-    return 2 * int(bits[cover.row].sum())
+    served = np.count_nonzero(cover.worth, axis=1)
+    return 2 * int(served[cover.row].sum())
 
 
 def _scaled(sums: Array, worth: float) -> tuple[float, float]:

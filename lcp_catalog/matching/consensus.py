@@ -32,20 +32,13 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, Uncertainty
 from ..errors import PoseError
+from ..landmarks.located import GATE, SIGNIFICANT, log10_false_alarms
 from .pose import Pose, jacobian, residuals_px, solve
-
-SIGNIFICANT = -6.0
-"""log10 of the number of false alarms below which an agreement is significant: one frame in a
-million.
-"""
 
 SHARE_IF_HERE = 0.25
 """Least share of the searchable points that agree in an image of this place. If such an agreement
 would not be significant, because the points are too few, the place is not refuted.
 """
-
-GATE = 3.0
-"""Sigmas within which a match agrees."""
 
 _SETS = 2000
 _CHUNK = 500
@@ -54,7 +47,6 @@ _LOOKED_AT = 200
 _ROUNDS = 10
 _FARTHEST = 5.0
 """Largest correction that is tried, in sigmas of the prior."""
-_EXPONENTS = np.linspace(0.02, 0.98, 49)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,20 +110,6 @@ def agree(
     residual = residuals_px(best.sensor, points, found)
     pose = replace(best, used=inliers, residual_px=residual)
     return Consensus(inliers, pose, score, rest.best()[1])
-
-
-def log10_false_alarms(
-    chance: ArrayLike, agrees: ArrayLike, minimal: int, share: float = 1.0
-) -> float:
-    """log10 of the NFA by the formula above, from p_i and the agreeing matches (both (n,)), m, and
-    k_eff / k. Never above log10 C(n, m).
-    """
-    p = np.clip(np.asarray(chance, dtype=np.float64), 1e-300, 1.0)
-    evidence = np.sort(-np.log(p[np.asarray(agrees, dtype=bool)]))[: -minimal or None].sum()
-    tests = math.lgamma(len(p) + 1) - math.lgamma(minimal + 1) - math.lgamma(len(p) - minimal + 1)
-    t = _EXPONENTS[:, None]
-    bound = np.log1p(p ** (1.0 - t) - p).sum(-1) - _EXPONENTS * evidence
-    return float((tests + share * min(0.0, bound.min())) / math.log(10.0))
 
 
 def agreeing(

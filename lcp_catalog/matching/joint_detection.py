@@ -22,23 +22,11 @@ from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..catalog.schema import DETECTION_STEP
-from .consensus import (
-    SIGNIFICANT,
-    by_chance,
-    independent_share,
-    log10_false_alarms,
-    minimal_set,
-    widened,
-)
+from ..landmarks.located import COMMON_VARIANCE, SIGNIFICANT, WRONG, log10_false_alarms
+from .consensus import by_chance, independent_share, minimal_set, widened
 from .point_choice import at_one_scale, patch_width_px, reduction
 from .position_fix import USUAL, Options
 from .search_area import search_reach_px
-
-COMMON_VARIANCE = 0.1
-"""rho: the variance of the common factor. It was 0.08 to 0.13 over 105 frames of two cameras."""
-
-_WRONG = 0.05
-"""Share of the points that are not found of which another place is accepted."""
 
 DEFAULTS = Options()
 
@@ -120,7 +108,7 @@ def _needed(
     options: Options,
 ) -> int:
     """Fewest matches whose agreement is significant by the rule of `matching.consensus`, among themselves and the wrong
-    matches (`_WRONG`). Which points are found follows their claims: those at even steps of the summed claims, in the
+    matches (`WRONG`). Which points are found follows their claims: those at even steps of the summed claims, in the
     order of their chances to agree by accident.
     """
     factor = reduction(catalog, sensor, rows)
@@ -132,7 +120,7 @@ def _needed(
     minimal = minimal_set(sensor, uncertainty)
     width = patch_width_px(catalog, sensor, rows)
     summed = np.cumsum(probability[order]) / max(float(probability.sum()), 1e-12)
-    wrong = np.full(round(_WRONG * float((1.0 - probability).sum())), float(np.median(chance)))
+    wrong = np.full(round(WRONG * float((1.0 - probability).sum())), float(np.median(chance)))
     for count in range(minimal + 1, len(rows) + 1):
         steps = (np.arange(count) + 0.5) / count
         found = order[np.minimum(np.searchsorted(summed, steps), len(rows) - 1)]

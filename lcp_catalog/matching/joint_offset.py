@@ -25,10 +25,14 @@ from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
+from ..landmarks.located import GATE, SIGNIFICANT
 from ..photometry.laws import Reflectance
 from . import sun_check
 from .common_errors import shadow_shift_px
-from .consensus import GATE, SIGNIFICANT, independent_share, widened
+from .consensus import (
+    independent_share,
+    widened,
+)
 from .point_choice import likeliest
 from .point_search import SearchImage
 from .pose import Pose, jacobian, solve

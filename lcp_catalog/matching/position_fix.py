@@ -22,17 +22,16 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..images.image import Image
 from ..images.image_file import open_image
+from ..landmarks.located import SIGNIFICANT, log10_false_alarms
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .common_errors import SharedTerrain, shadow_shift_px
 from .consensus import (
     SHARE_IF_HERE,
-    SIGNIFICANT,
     Consensus,
     agree,
     agreeing,
     independent_share,
-    log10_false_alarms,
 )
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches, joined

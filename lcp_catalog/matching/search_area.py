@@ -30,9 +30,12 @@ from ..geometry.bounds import enclosing_bounds
 from ..geometry.frames import lonlat_to_mcmf
 from ..images.image import Image
 from ..kernels.matching import correlation
+from ..landmarks.located import SIGNIFICANT
 from ..landmarks.patches import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from .consensus import SHARE_IF_HERE, SIGNIFICANT
+from .consensus import (
+    SHARE_IF_HERE,
+)
 from .point_choice import facing, likeliest
 from .point_search import SearchImage
 from .pose import jacobian

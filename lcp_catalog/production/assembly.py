@@ -241,9 +241,12 @@ def _resolved(recipe: Recipe) -> BuildConfig:
     if not area.center_deg and not area.bounds_deg:
         area = dataclasses.replace(area, bounds_deg=tuple(recipe.region.bounds))
     search_m = config.points.search_nodes(config.gsd_m) * config.gsd_m
-    promised = config.points.promised
-    points = dataclasses.replace(config.points, search_m=search_m, per_view=promised)
-    if not promised:  # else it is the side of cells alone
+    located = config.points.located
+    per_view = None if located else config.points.per_view or 0
+    points = dataclasses.replace(
+        config.points, search_m=search_m, located_probability=located, per_view=per_view
+    )
+    if not config.points.promised:  # else it is the side of cells alone
         points = dataclasses.replace(points, spacing_m=spacing_m(config))
     section = dataclasses.replace(config.model.portable, reflectance=recipe.law.model.name)
     known = ErrorConfig(**recipe.errors.to_dict())

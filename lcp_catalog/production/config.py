@@ -351,7 +351,8 @@ CONDITIONS_MAX = 50_000
 AREA_NODES_MIN = 16
 """Least number of nodes along an area's side."""
 
-PER_VIEW, PER_VIEW_MAX = 8, 200
+LOCATED, LOCATED_MIN, LOCATED_MAX = 0.99, 0.5, 0.999
+PER_VIEW_MAX = 200
 """Usable points promised in a camera's footprint by default, and at most."""
 
 FOOTPRINT_NODES = 1024
@@ -372,12 +373,20 @@ class PointConfig:
     """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
 
     patch_nodes: int = meant(33, "Nodes along a patch's side, an odd number.", least=9, most=257)
+    located_probability: float | None = meant(
+        None,
+        "Probability that a frame is located, which the catalogue promises for a camera's footprint anywhere in the region, "
+        "under every Sun and view that can occur; as few points as possible are kept for it. Points that are not usable "
+        "count with their probability.",
+        default=f"{LOCATED}, unless `points.per_view` or `points.spacing_m` is given",
+        least=LOCATED_MIN,
+        most=LOCATED_MAX,
+    )
     per_view: int | None = meant(
         None,
-        "Number of usable points that the catalogue promises in a camera's footprint anywhere in the region, under every "
-        "Sun and view that can occur; as few points as possible are kept for it. 0: no promise; points are spread evenly, "
-        "at the spacing.",
-        default=f"{PER_VIEW}; 0 if `points.spacing_m` is given",
+        "Instead of `points.located_probability`: number of usable points that are promised. 0: no promise; points are "
+        "spread evenly, at the spacing.",
+        default="none; 0 if `points.spacing_m` is given",
         least=0,
         most=PER_VIEW_MAX,
     )
@@ -390,7 +399,7 @@ class PointConfig:
     )
     max_points: int | None = meant(
         None,
-        "Greatest number of points; those are kept that do most for the promise of `points.per_view`.",
+        "Greatest number of points; those are kept that do most for the promise.",
         default="no limit",
         least=1,
     )
@@ -402,7 +411,7 @@ class PointConfig:
     )
     spacing_m: float | None = meant(
         None,
-        "Least distance between two points, which are then spread evenly (unless `points.per_view` is given, too).",
+        "Least distance between two points, which are then spread evenly (unless a promise is asked for, too).",
         default="half a patch; with `points.per_view` 0 two patches, at most 8 km",
         above=0.0,
         most=LENGTH_MAX_M,
@@ -449,16 +458,26 @@ class PointConfig:
         )
         for name in ("max_points", "max_bytes"):
             _require(
-                getattr(self, name) is None or self.promised > 0,
-                f"`points.{name}` needs `points.per_view` above 0: the choice is by what it promises",
+                getattr(self, name) is None or self.promised,
+                f"`points.{name}` needs `points.located_probability`, or `points.per_view` above 0: the choice "
+                "is by what is promised",
             )
+        _require(
+            self.located_probability is None or self.per_view is None,
+            "`points.located_probability` and `points.per_view` exclude each other",
+        )
 
     @property
-    def promised(self) -> int:
-        """Usable points promised in a camera's footprint; 0: none, points are spread evenly."""
-        if self.per_view is None:
-            return PER_VIEW if self.spacing_m is None else 0
-        return self.per_view
+    def located(self) -> float | None:
+        """Probability of being located that is promised; None for a number of points, or no promise."""
+        if self.per_view is None and self.spacing_m is None:
+            return LOCATED if self.located_probability is None else self.located_probability
+        return self.located_probability
+
+    @property
+    def promised(self) -> bool:
+        """False if nothing is promised, and points are spread evenly."""
+        return self.located is not None or bool(self.per_view)
 
     @property
     def half(self) -> int:

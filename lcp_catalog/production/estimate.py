@@ -19,7 +19,7 @@ from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
 from .evaluation import image_scales
 from .executor import FORKED
-from .finished_area import record_type, table_of
+from .finished_area import record_type, table_of, units_of
 from .promise import PromisedPlaces
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
 from .run import Build, Level, most_poleward
@@ -201,9 +201,10 @@ def _promised(level: Level) -> float:
     if not points.promised:
         return math.inf
     conditions = math.prod(conditions_at(0.0, level.recipe.config).shape)
-    places = PromisedPlaces.of(level.recipe.region, points, level.recipe.gsd_m, conditions)
-    footprints = level.recipe.region.bounds_m2 / (math.pi * places.radius_m**2)
-    return PROMISE_POINTS * footprints * float(places.demand.mean())
+    units, region = units_of(level.recipe.config), level.recipe.region
+    places = PromisedPlaces.of(region, points, level.recipe.gsd_m, conditions, units.demand)
+    footprints = region.bounds_m2 / (math.pi * places.radius_m**2)
+    return PROMISE_POINTS * footprints * float(places.demand.mean()) / len(units.least)
 
 
 def _merge_mb(level: Level, points: float, candidates: float) -> float:

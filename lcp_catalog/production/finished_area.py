@@ -30,6 +30,7 @@ from ..catalog.schema import (
     Cause,
 )
 from ..catalog.sun_cells import SunCells
+from ..landmarks.located import Units
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig
@@ -40,13 +41,19 @@ TABLE = np.dtype(
         ("lon_deg", "<f8"),
         ("lat_deg", "<f8"),
         ("quality", "<f8"),  # the higher, the better among equally many usable conditions
-        ("usable", "<i4"),  # usable conditions; 0 for a candidate that cannot become a point
+        (
+            "usable",
+            "<i4",
+        ),  # usable conditions (`_worth`); 0 for a candidate that cannot become a point
         ("checksum", "<u4"),  # CRC-32 of the record; 0 without one
         ("stage", "u1"),  # of `landmarks.selection.coverage`
-        ("information", "<f4"),  # mean over usable conditions of `_information`
+        ("information", "<f4"),  # mean of `_information`
     ]
 )
 """A candidate's row of the table."""
+
+UNIT = 16
+"""Factor of the units beside a `Cause` in the bytes of `cell_stages`."""
 
 _LEAST_CHANCE = 1e-6
 """Detection probability that stands for 0 in a logarithm."""
@@ -54,8 +61,8 @@ _LEAST_CHANCE = 1e-6
 
 @dataclass(frozen=True)
 class FinishedArea:
-    """A table (n,) of type `TABLE`; the records (m,) of type `record_type` of its rows with usable
-    conditions, in the same order; and the scene plan of the area's images. ``stages`` (n, cells): what
+    """A table (n,) of type `TABLE`; the records (m,) of type `record_type` of its rows that can become
+    points, in the same order; and the scene plan of the area's images. ``stages`` (n, cells): what
     each row is good for between the Suns (`cell_stages`); None if nothing is promised.
     """
 
@@ -96,16 +103,50 @@ def finished_area(result: AreaResult, config: BuildConfig) -> FinishedArea:
 def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     """The table (n,) of candidates, of type `TABLE`, without checksums."""
     evaluation, least = candidates.evaluation, config.points.min_usable_conditions
-    usable = (evaluation.condition == USABLE).sum(axis=(1, 2, 3))
+    worth, counted = _worth(evaluation, config), _counted(evaluation, config)
     table = np.zeros(len(candidates), TABLE)
     table["lon_deg"], table["lat_deg"] = candidates.lon_deg, candidates.lat_deg
-    table["quality"] = _quality(evaluation)
-    table["usable"] = np.where(usable >= least, usable, 0)
-    table["stage"] = _stages(evaluation, usable >= least)
-    table["information"] = np.nan_to_num(
-        _over_usable(_information(evaluation), evaluation, np.nanmean)
-    )
+    table["quality"] = _quality(evaluation, counted)
+    table["usable"] = np.where(worth >= least, worth, 0)
+    table["stage"] = _stages(evaluation, worth >= least)
+    table["information"] = np.nan_to_num(_over(_information(evaluation), counted, np.nanmean))
     return table
+
+
+def _worth(evaluation: Evaluation, config: BuildConfig) -> Index:
+    """Usable conditions of each candidate, (n,); where a probability of being located is promised, as many as
+    all its conditions together are worth, rounded up.
+    """
+    if config.points.located is None:
+        return np.asarray((evaluation.condition == USABLE).sum(axis=(1, 2, 3)))
+    least = units_of(config).least
+    units = np.searchsorted(least, np.where(_free(evaluation), _detection(evaluation), 0), "right")
+    return np.asarray(-(-units.sum(axis=(1, 2, 3)) // len(least)))
+
+
+def _counted(evaluation: Evaluation, config: BuildConfig) -> Mask:
+    """The conditions over which a candidate's figures are taken, (n, v, e, a): the usable ones; of a candidate
+    without any, those in which it is worth something.
+    """
+    usable = evaluation.condition == USABLE
+    if config.points.located is None:
+        return np.asarray(usable)
+    some = _free(evaluation) & (_detection(evaluation) >= units_of(config).least[0])
+    none = ~usable.any(axis=(1, 2, 3), keepdims=True)
+    return np.asarray(usable | (none & some))
+
+
+def _free(evaluation: Evaluation) -> Mask:
+    """Conditions without terrain that shadows or hides the patch."""
+    free = EVALUATED | UNSHADOWED | UNOCCLUDED
+    return np.asarray((evaluation.condition & free) == free)
+
+
+def _detection(evaluation: Evaluation) -> Array:
+    """Detection probabilities at the patch's own scale, (n, v, e, a), as they are stored; 0 where there is none."""
+    stored = packing("detection_probability", 1.0)
+    values = stored.unpacked(stored.packed(evaluation.detection[:, 0]))
+    return np.asarray(np.nan_to_num(values), np.float64)
 
 
 def checksums(records: AnyArray) -> NDArray[np.uint32]:
@@ -116,9 +157,9 @@ def checksums(records: AnyArray) -> NDArray[np.uint32]:
     return np.array([zlib.crc32(content[k : k + each]) for k in starts], np.uint32)
 
 
-def _quality(evaluation: Evaluation) -> Array:
+def _quality(evaluation: Evaluation, counted: Mask) -> Array:
     """Order of candidates with equally many usable conditions: minus the largest sigma."""
-    largest = _over_usable(evaluation.sigma_major_m[:, 0], evaluation, np.nanmax)
+    largest = _over(evaluation.sigma_major_m[:, 0], counted, np.nanmax)
     return -np.nan_to_num(largest, nan=np.inf, posinf=1e30)
 
 
@@ -145,8 +186,9 @@ def _stages(evaluation: Evaluation, enough: NDArray[np.bool_]) -> Index:
 
 def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, Any]:
     evaluation, gsd_m = candidates.evaluation, config.gsd_m
+    counted = _counted(evaluation, config)
     axes = [
-        _over_usable(sigma[:, 0], evaluation, np.nanmax)
+        _over(sigma[:, 0], counted, np.nanmax)
         for sigma in (evaluation.sigma_major_m, evaluation.sigma_minor_m)
     ]
     scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
@@ -157,7 +199,7 @@ def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, An
         "elevation": candidates.elevation_m,
         "dem": candidates.patch_m,
         "condition": evaluation.condition,
-        "harris_response": _over_usable(evaluation.harris, evaluation, np.nanmedian),
+        "harris_response": _over(evaluation.harris, counted, np.nanmedian),
         "localization_sigma": np.stack(axes, axis=-1),
         "gsd_min": finest * gsd_m,
         "gsd_max": coarsest * gsd_m,
@@ -170,9 +212,7 @@ def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, An
         "shadow_dependence": evaluation.shadow_dependence,
         "occlusion_dependence": evaluation.occlusion_dependence,
     }
-    return columns | {
-        name: _over_usable(values, evaluation, np.nanmax) for name, values in worst.items()
-    }
+    return columns | {name: _over(values, counted, np.nanmax) for name, values in worst.items()}
 
 
 def _claims(evaluation: Evaluation, gsd_m: float) -> dict[str, AnyArray]:
@@ -187,10 +227,10 @@ def _claims(evaluation: Evaluation, gsd_m: float) -> dict[str, AnyArray]:
     return {name: packing(name, step_m).packed(values) for name, values in claims.items()}
 
 
-def _over_usable(values: NDArray[Any], evaluation: Evaluation, how: Callable[..., Any]) -> Array:
-    """A statistic of each candidate over its usable conditions; NaN if it has none."""
+def _over(values: NDArray[Any], counted: Mask, how: Callable[..., Any]) -> Array:
+    """A statistic of each candidate over the conditions that count (n, v, e, a); NaN if it has none."""
     shape = (len(values), int(np.prod(values.shape[1:])))
-    masked = np.where(evaluation.condition == USABLE, values, np.nan).reshape(shape)
+    masked = np.where(counted, values, np.nan).reshape(shape)
     some = ~np.isnan(masked).all(axis=1)
     out = np.full(len(values), np.nan)
     if some.any():
@@ -215,28 +255,44 @@ def working_scales(
     return np.where(np.isfinite(finest), finest, 1.0), coarsest
 
 
+def units_of(config: BuildConfig) -> Units:
+    """What a point of a build with a promise is worth, and how much is promised."""
+    points = config.points
+    if points.located is None:
+        return Units.of_usable(points.per_view or 0, points.min_detection, config.gsd_m)
+    return Units.of_located(points.located, config.gsd_m)
+
+
 def cell_stages(candidates: Candidates, config: BuildConfig) -> Bytes:
-    """`Cause` of each candidate by view and cell of the Sun grid, (n, view * elevation * azimuth): FEW
-    if it is usable under all Suns of the cell, MARGINAL if only at the corners that were evaluated,
+    """What each candidate is good for by view and cell of the Sun grid, (n, view * elevation * azimuth):
+    `UNIT` times the units (`landmarks.located`) that it is worth under all Suns of the cell, plus a
+    `Cause`: FEW if it is usable under all of them, MARGINAL if only at the corners that were evaluated,
     else what stops it at the worst corner; MET (0) where there is no cell.
     """
     condition = candidates.evaluation.condition
     if not len(condition):
         return np.zeros((0, int(np.prod(condition.shape[1:]))), np.uint8)
     known: Mask = np.any((condition & EVALUATED) > 0, axis=(0, 1))
-    grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
-    claims = grid.claims(float(np.mean(candidates.lat_deg)), known, config.points.min_detection)
-    detection = packing("detection_probability", 1.0).packed(candidates.evaluation.detection[:, 0])
-    stage = _causes(candidates)
+    grid, units = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg), units_of(config)
+    limits = (config.points.min_detection, *units.least)
+    claims = grid.claims(float(np.mean(candidates.lat_deg)), known, limits)
+    chances = np.nan_to_num(candidates.evaluation.detection[:, 0])
+    detection = packing("detection_probability", 1.0).packed(chances)
+    stage, free = _causes(candidates), _free(candidates.evaluation)
     found = np.full(condition.shape, Cause.FEW, np.uint8)
+    worth = np.full(condition.shape, len(units.least), np.uint8)
     enough = np.ones(condition.shape, np.bool_)
     for counts, row, column in zip(claims.counts, *grid.corners(), strict=True):
-        np.minimum(
-            found, np.where(counts, stage[:, :, row, column], np.uint8(Cause.FEW)), out=found
-        )
-        enough &= ~counts | (detection[:, :, row, column] >= claims.least)
+        at = np.s_[:, :, row, column]
+        np.minimum(found, np.where(counts, stage[at], np.uint8(Cause.FEW)), out=found)
+        enough &= ~counts | (detection[at] >= claims.least[0])
+        own = (detection[at] >= claims.least[1:, None, None]).sum(axis=0, dtype=np.uint8) * free[at]
+        np.minimum(worth, np.where(counts, own, len(units.least)).astype(np.uint8), out=worth)
     found[(found == Cause.FEW) & ~enough] = Cause.MARGINAL
-    return np.where(claims.exists, found, 0).astype(np.uint8).reshape(len(condition), -1)
+    if config.points.located is None:
+        worth = (found == Cause.FEW).astype(np.uint8)
+    whole = np.where(claims.exists, found + UNIT * worth, 0).astype(np.uint8)
+    return whole.reshape(len(condition), -1)
 
 
 def _causes(candidates: Candidates) -> Bytes:

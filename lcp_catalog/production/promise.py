@@ -1,7 +1,7 @@
-"""The promise of a catalogue: near every place of the region so many points are usable under every view
-and Sun that can happen, or it is known why not; and the choice of the fewest points that keep it.
+"""The promise of a catalogue: near every place of the region the points are worth so many units (`landmarks.located`)
+under every view and Sun that can happen, or it is known why not; and the choice of the fewest points that keep it.
 
-What candidates serve at places at real moments: the Sun stands in one direction, whose elevation and azimuth
+What candidates are worth at places at real moments: the Sun stands in one direction, whose elevation and azimuth
 differ between the points of a footprint.
 """
 
@@ -22,6 +22,7 @@ from ..errors import ConfigError
 from ..geometry.frames import enu_rotation, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
 from ..kernels.sun_moments import serve
+from ..landmarks.located import Units
 from ..landmarks.selection import (
     Cover,
     Nearby,
@@ -29,18 +30,17 @@ from ..landmarks.selection import (
     choose_cover,
     least_size,
     nearest,
-    packed,
     select,
     stable_id,
-    unpacked,
 )
 from ..terrain.area import Area
 from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
+from .finished_area import UNIT, units_of
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
 
 _ROWS = 1_000_000
 """Pairs of a candidate and a place that are looked at one by one. Of more, the places in one part of the
-circle around a candidate are taken together: it serves there what it surely serves at each.
+circle around a candidate are taken together: it counts there as it surely does at each.
 """
 
 _PARTS = 4
@@ -65,13 +65,13 @@ class Near:
     place: AnyArray
 
 
-def moment_cover(near: Near, usable: Mask, grid: SunCells, columns: Index) -> tuple[Cover, Mask]:
-    """The candidates near places, of which those that are ``usable`` (n, condition)
-    under all Suns of a cell by the angles at the candidate serve a cell at a place if they
-    are usable under all Suns that stand in it at the place; and (place, condition) whether there are any.
+def moment_cover(near: Near, worth: Bytes, grid: SunCells, columns: Index) -> tuple[Cover, Mask]:
+    """What candidates are worth at places: of the units (n, condition) that they are worth under all Suns of a
+    cell by the angles at the candidate, the least under all Suns that stand in the cell at the place;
+    and (place, condition) whether there are any.
 
     ``columns``: the conditions in views x cells of the grid, flat; views have the same cells. A
-    direction without extent (`SunCells`) is served by what is usable in it by the angles at the candidate.
+    direction without extent (`SunCells`) counts as it does by the angles at the candidate.
     """
     first, place, sites, places = near.first, near.place, near.sites, near.places
     cells = math.prod(grid.shape)
@@ -84,7 +84,7 @@ def moment_cover(near: Near, usable: Mask, grid: SunCells, columns: Index) -> tu
     found = np.tile(alone, (len(places.lon_deg), 1))
     candidate = np.repeat(np.arange(len(first) - 1), np.diff(first))
     row, owner, spread = _rows(near, candidate)
-    bits = (packed(usable) | packed(~alone[None]))[owner]
+    there = np.where(alone, worth, np.uint8(NO_CELL))[owner]
     order = np.argsort(place, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=len(places.lon_deg)))])
     pairs = starts, candidate[order], row[order]
@@ -94,12 +94,12 @@ def moment_cover(near: Near, usable: Mask, grid: SunCells, columns: Index) -> tu
     limit = math.radians(SUBSOLAR_LATITUDE_MAX_DEG)
     views = len(columns) // len(own)
     suns = _suns(sites.lat_deg, grid)
-    serve(bits, found, pairs, frames, spread, usable, suns, axes, number, views, limit)
-    return Cover(first, place, row, bits, len(found), len(columns)), found
+    serve(there, found, pairs, frames, spread, worth, suns, axes, number, views, limit)
+    return Cover(first, place, row, there, len(found)), found
 
 
 def _rows(near: Near, candidate: Index) -> tuple[AnyArray, Index, float]:
-    """The row of what a candidate serves at a place, for each of their pairs; the candidate of each row; and
+    """The row of what a candidate is worth at a place, for each of their pairs; the candidate of each row; and
     how far apart the places of a row are, radians. One for each pair, or where these are too many
     one for each part of the circle around a candidate.
     """
@@ -160,14 +160,16 @@ class PromisedPlaces:
     """
 
     at: Places
-    demand: Bytes  # usable points promised at each
+    demand: Bytes  # units promised at each
     footprint_m: float
     radius_m: float
 
     @classmethod
-    def of(cls, region: Area, points: PointConfig, gsd_m: float, conditions: int) -> PromisedPlaces:
+    def of(
+        cls, region: Area, points: PointConfig, gsd_m: float, conditions: int, demand: int
+    ) -> PromisedPlaces:
         """An even lattice over a region. Where a footprint reaches beyond the region, as large a share
-        of the points is promised as of the footprint lies in it, rounded down. ConfigError for a
+        of the ``demand`` is promised as of the footprint lies in it, rounded down. ConfigError for a
         footprint that is small beside the distance of as many places as can be kept.
         """
         x0, x1, y0, y1 = region.extent_m
@@ -187,8 +189,8 @@ class PromisedPlaces:
                 f"promise needs at least {math.ceil(reach_m / 400.0)} km (a smaller region, or per_view 0)"
             )
         share = _shares(region, at, footprint_m / 2.0)
-        demand = np.floor(points.promised * share + 1e-9).astype(np.uint8)
-        return cls(at, demand, footprint_m, footprint_m / 2.0 - reach_m)
+        promised = np.floor(demand * share + 1e-9).astype(np.uint8)
+        return cls(at, promised, footprint_m, footprint_m / 2.0 - reach_m)
 
 
 def _lattice(region: Area, footprint_m: float, near: float, most: int) -> Places:
@@ -238,9 +240,10 @@ class PromiseChoice:
     places: PromisedPlaces
     exists: Mask  # (place, cell): Suns that can happen, of those in ``columns``
     columns: Index  # of the whole grid of conditions, flat
+    units: Units
     best: Bytes = field(init=False)
     _nearby: Nearby = field(init=False)
-    _bits: list[AnyArray] = field(init=False, default_factory=list)
+    _worth: list[Bytes] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         self.best = np.zeros((len(self.places.demand), len(self.columns)), np.uint8)
@@ -255,9 +258,8 @@ class PromiseChoice:
             return None
         views = len(config.view)
         grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
-        places = PromisedPlaces.of(
-            region, config.points, config.gsd_m, views * math.prod(grid.shape)
-        )
+        units, conditions = units_of(config), views * math.prod(grid.shape)
+        places = PromisedPlaces.of(region, config.points, config.gsd_m, conditions, units.demand)
         rounded = np.round(places.at.lat_deg / _LATITUDE_STEP_DEG) * _LATITUDE_STEP_DEG
         latitudes, own = np.unique(rounded, return_inverse=True)
         can = np.array([_cells(grid, float(lat), config).ravel() for lat in latitudes])
@@ -266,15 +268,15 @@ class PromiseChoice:
             return None
         exists = np.tile(can[:, used], (1, views))[own]
         columns = (np.arange(views)[:, None] * can.shape[1] + used).ravel()
-        return cls(config, places, exists, columns)
+        return cls(config, places, exists, columns, units)
 
     def see(self, table: AnyArray, stages: Bytes) -> None:
         """Note what an area's candidates are good for (`finished_area.cell_stages`)."""
         own = np.ascontiguousarray(stages[:, self.columns])
         sites = Places(table["lon_deg"], table["lat_deg"])
         first, place = self._nearby.around(sites, self.places.radius_m)
-        raise_to(self.best, first, place, own)
-        self._bits.append(packed(own == Cause.FEW))
+        raise_to(self.best, first, place, own % UNIT)
+        self._worth.append(own // UNIT)
 
     def choose(self, table: AnyArray, has_heights: Mask, most: int | None) -> tuple[Index, Promise]:
         """Rows of the table of all areas that become points, in the order of their ids, and how the
@@ -282,12 +284,12 @@ class PromiseChoice:
         """
         pool = self._pool(table)
         sites = Places(table["lon_deg"][pool], table["lat_deg"][pool])
-        usable = unpacked(np.concatenate(self._bits)[pool], len(self.columns))
+        worth = np.concatenate(self._worth)[pool]
         radius_m = self.places.radius_m
         first, place = self._nearby.around(sites, radius_m)
         near = Near(sites, self.places.at, radius_m, first, place)
         grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
-        cover, happens = moment_cover(near, usable, grid, self.columns)
+        cover, happens = moment_cover(near, worth, grid, self.columns)
         demand = np.where(happens, self._demand(), 0).astype(np.int16)
         wanted = np.minimum(demand, cover.counts(np.arange(len(pool))))
         choice = choose_cover(cover, wanted, most)
@@ -308,7 +310,10 @@ class PromiseChoice:
             served=choice.served[steps],
             places=np.array([len(self.places.demand)]),
             gsd=np.array([self.config.gsd_m]),
-            per_view=np.array([self.config.points.promised]),
+            located_probability=np.array([self.config.points.located or 0.0]),
+            per_view=np.array([self.config.points.per_view or 0]),
+            units=np.array([len(self.units.least)]),
+            located=np.array([self.units.located]),
             footprint=np.array([self.places.footprint_m]),
             radius=np.array([self.places.radius_m]),
             lower_bound=np.array([bound]),
@@ -329,7 +334,7 @@ class PromiseChoice:
         return pool[np.lexsort(keys)]
 
     def _demand(self) -> Int16:
-        """Points promised, (place, cell). None where all candidates near are of latitudes at which the
+        """Units promised, (place, cell). None where all candidates near are of latitudes at which the
         Sun does not stand in the cell.
         """
         seen: Mask = np.any(self.best, axis=1)
@@ -358,4 +363,4 @@ class PromiseChoice:
 def _cells(grid: SunCells, lat_deg: float, config: BuildConfig) -> Mask:
     """The cells of the Sun grid that can happen at a latitude and for which claims are made."""
     known = reachable_suns(lat_deg, grid.azimuth, grid.elevation)
-    return grid.claims(lat_deg, known, config.points.min_detection).exists
+    return grid.claims(lat_deg, known, (config.points.min_detection,)).exists

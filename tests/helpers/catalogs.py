@@ -246,6 +246,10 @@ def _coverage(rng, frame, side, step_m, lon):
     return Coverage(longitude=cell_lon, latitude=cell_lat, status=status, spacing_m=step_m)
 
 
+LOCATED = np.linspace(0.0, 1.0, 255)[None]
+"""Probabilities by units of a made promise."""
+
+
 def promised(plain: Catalog) -> Promise:
     """Random counts at 7 places; in the first view the second elevation is the worst, as it is dark."""
     rng = np.random.default_rng(1)
@@ -267,6 +271,9 @@ def promised(plain: Catalog) -> Promise:
         places=np.array([7]),
         gsd=np.array([GSD_M]),
         per_view=np.array([2]),
+        located_probability=np.zeros(1),
+        units=np.ones(1, np.int64),
+        located=LOCATED,
         footprint=np.array([40_000.0]),
         radius=np.array([17_000.0]),
         lower_bound=np.array([2.5]),
@@ -298,6 +305,9 @@ def full(count: int = 12) -> Catalog:
         places=np.array([3, 4]),
         gsd=np.array([GSD_M, 2.0 * GSD_M]),
         per_view=np.array([2, 2]),
+        located_probability=np.zeros(2),
+        units=np.ones(2, np.int64),
+        located=np.repeat(LOCATED, 2, axis=0),
         footprint=np.array([20_000.0, 40_000.0]),
         radius=np.array([8_000.0, 17_000.0]),
         lower_bound=np.array([1.0, 1.5]),

@@ -8,24 +8,33 @@ from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import csr_matrix
 
 from lcp_catalog.landmarks import selection
-from lcp_catalog.landmarks.selection import Cover, choose_cover, least_size, packed
+from lcp_catalog.landmarks.selection import Cover, choose_cover, least_size
 
 
 def instance(
-    seed: int, n: int = 40, places: int = 5, conditions: int = 70, near: int = 2, most: int = 3
+    seed: int,
+    n: int = 40,
+    places: int = 5,
+    conditions: int = 70,
+    near: int = 2,
+    most: int = 3,
+    units: int = 1,
 ):
-    """Random candidates near some places; what is wanted; and the same as a matrix (element, candidate)."""
+    """Random candidates near some places, worth up to so many units; what is wanted; and the same as a matrix (element,
+    candidate).
+    """
     rng = np.random.default_rng(seed)
     rows = [np.sort(rng.choice(places, near, replace=False)) for _ in range(n)]
     serves = rng.random((n, conditions)) < rng.uniform(0.0, 0.7, (n, 1))
+    worth = (serves * rng.integers(1, units + 1, serves.shape)).astype(np.uint8)
     first = near * np.arange(n + 1)
-    place, bits = np.concatenate(rows).astype(np.int32), packed(serves)
+    place = np.concatenate(rows).astype(np.int32)
     row = np.repeat(np.arange(n, dtype=np.int32), near)
-    cover = Cover(first, place, row, bits, places, conditions)
+    cover = Cover(first, place, row, worth, places)
     matrix = np.zeros((places, conditions, n))
     for k, row in enumerate(rows):
-        matrix[row, :, k] = serves[k]
-    wanted = np.minimum(matrix.sum(axis=2), most).astype(np.int16)
+        matrix[row, :, k] = worth[k]
+    wanted = np.minimum(matrix.sum(axis=2), most * units).astype(np.int16)
     return cover, wanted, matrix.reshape(-1, n)
 
 
@@ -35,10 +44,11 @@ def test_counts_are_those_of_the_matrix() -> None:
     np.testing.assert_array_equal(cover.counts(rows).ravel(), matrix[:, rows].sum(axis=1))
 
 
+@pytest.mark.parametrize("units", [1, 15])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_choice_is_near_the_optimum(seed: int) -> None:
+def test_the_choice_is_near_the_optimum(seed: int, units: int) -> None:
     """It serves all that is wanted, and is at most 1.15 times the exact optimum."""
-    cover, wanted, matrix = instance(seed)
+    cover, wanted, matrix = instance(seed, units=units)
     choice = choose_cover(cover, wanted)
     assert (matrix[:, choice.chosen].sum(axis=1) >= wanted.ravel()).all()
     n = len(cover)
@@ -54,10 +64,11 @@ def test_the_choice_is_near_the_optimum(seed: int) -> None:
     assert not any((matrix[:, rest].sum(axis=1) >= wanted.ravel()).all() for rest in unneeded)
 
 
+@pytest.mark.parametrize("units", [1, 15])
 @pytest.mark.parametrize("seed", range(8))
-def test_the_bound_is_that_of_the_linear_program(seed: int) -> None:
+def test_the_bound_is_that_of_the_linear_program(seed: int, units: int) -> None:
     """Never above the relaxed optimum, and less than 5 % below."""
-    cover, wanted, matrix = instance(seed, n=60, places=7, near=3)
+    cover, wanted, matrix = instance(seed, n=60, places=7, near=3, units=units)
     size = len(choose_cover(cover, wanted).chosen)
     bounds = {"A_ub": -csr_matrix(matrix), "b_ub": -wanted.ravel(), "bounds": (0, 1)}
     relaxed = linprog(np.ones(len(cover)), method="highs", **bounds).fun
@@ -75,16 +86,17 @@ def test_the_bound_of_a_part_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0.9 * relaxed <= least_size(cover, wanted, size) <= relaxed * (1.0 + 1e-9)
 
 
-def test_a_limited_choice_is_the_greedy_start() -> None:
+@pytest.mark.parametrize("units", [1, 15])
+def test_a_limited_choice_is_the_greedy_start(units: int) -> None:
     """Each candidate in turn serves the most that still lacks; the curve counts what is served."""
-    cover, wanted, matrix = instance(3)
+    cover, wanted, matrix = instance(3, units=units)
     choice = choose_cover(cover, wanted, 6)
     lacking, taken = wanted.ravel().astype(int), []
     for met, served in zip(choice.met, choice.served, strict=True):
-        gain = (matrix * (lacking > 0)[:, None]).sum(axis=0)
+        gain = np.minimum(matrix, np.maximum(lacking, 0)[:, None]).sum(axis=0)
         gain[taken] = -1
         taken.append(int(gain.argmax()))
-        lacking = lacking - matrix[:, taken[-1]].astype(int) * (lacking > 0)
+        lacking = np.maximum(lacking - matrix[:, taken[-1]].astype(int), 0)
         assert met == np.count_nonzero((lacking == 0) & (wanted.ravel() > 0))
         assert served == pytest.approx(1.0 - lacking.sum() / wanted.sum())
     assert choice.chosen.tolist() == sorted(taken)

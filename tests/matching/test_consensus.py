@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from scipy.special import bdtrc, gammaln
 
 from lcp_catalog.cameras.sensor import Sensor, Uncertainty
+from lcp_catalog.landmarks.located import GATE, SIGNIFICANT, log10_false_alarms
 from lcp_catalog.matching.consensus import (
-    GATE,
-    SIGNIFICANT,
     Consensus,
     _is_new,
     _Linear,
@@ -24,7 +23,6 @@ from lcp_catalog.matching.consensus import (
     agree,
     agreeing,
     independent_share,
-    log10_false_alarms,
 )
 from lcp_catalog.matching.pose import position_error
 

@@ -332,6 +332,7 @@ def promising(catalog: Catalog, seed: int, footprint_m: float) -> Catalog:
             demand=np.full(cells[0], 8, np.uint8), points=points, cause=cause,
             size=np.arange(1, 5), met=np.linspace(0.2, 0.9, 4), served=np.linspace(0.2, 0.9, 4),
             places=np.array([cells[0]]), gsd=catalog.gsd[:1], per_view=np.array([8]),
+            located_probability=np.zeros(1), units=np.ones(1, np.int64), located=catalogs.LOCATED,
             footprint=np.array([footprint_m]), radius=np.array([0.4 * footprint_m]),
             lower_bound=np.array([10.0 + seed]),
         ),

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcp_catalog.arrays import Array, Index, Mask
+from lcp_catalog.arrays import Array, Bytes, Index, Mask
 from lcp_catalog.catalog.sun_cells import SunCells
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.ephemeris.solar_position import reachable_suns
@@ -43,9 +43,11 @@ def arcs_m(lon: Array, lat: Array, lons: Array, lats: Array) -> Array:
 
 
 class Made:
-    """Made candidates and places around 84 N, or across the pole, and the cells in which they are usable."""
+    """Made candidates and places around 84 N, or across the pole, and what they are worth in the cells."""
 
-    def __init__(self, lat_deg: float, radius_m: float, share: float, count: int = 60) -> None:
+    def __init__(
+        self, lat_deg: float, radius_m: float, share: float, count: int = 60, units: int = 1
+    ) -> None:
         rng = np.random.default_rng(5)
         x, y = rng.uniform(-3.0, 3.0, (2, count + 12))
         start = np.radians(lat_deg)
@@ -56,16 +58,17 @@ class Made:
         )
         lon, lat = 20.0 + np.degrees(turn), np.degrees(np.arcsin(sine))
         self.sites, self.places = Places(lon[12:], lat[12:]), Places(lon[:12], lat[:12])
-        self.usable: Mask = rng.random((count, CELLS)) < share
+        serves = rng.random((count, CELLS)) < share
+        self.worth: Bytes = (serves * rng.integers(1, units + 1, serves.shape)).astype(np.uint8)
         self.radius_m = radius_m
 
     def cover(self) -> tuple[Cover, Mask]:
         first, place = Nearby(self.places).around(self.sites, self.radius_m)
         near = Near(self.sites, self.places, self.radius_m, first, place)
-        return moment_cover(near, self.usable, GRID, np.arange(CELLS))
+        return moment_cover(near, self.worth, GRID, np.arange(CELLS))
 
     def least(self, suns: int = 20000) -> tuple[Index, Index, Index]:
-        """Places, the cell of a random Sun there, and how many candidates near are usable under that Sun by their
+        """Places, the cell of a random Sun there, and what the candidates near are worth under that Sun by their
         own angles.
         """
         rng = np.random.default_rng(6)
@@ -75,24 +78,27 @@ class Made:
         place, at, sun = place[at >= 0], at[at >= 0], (sun[0][at >= 0], sun[1][at >= 0])
         elevation, azimuth = angles(*self.sites, sun[0][:, None], sun[1][:, None])
         own = cells(elevation, azimuth)
-        usable = np.where(own >= 0, self.usable[np.arange(len(self.usable)), own], False)
+        worth = np.where(own >= 0, self.worth[np.arange(len(self.worth)), own], 0)
         # a share of 0.005 of a step into the next cell counts as the cell before
-        low, count = GRID.elevation, np.arange(len(self.usable))
+        low, count = GRID.elevation, np.arange(len(self.worth))
         for up in (-0.005, 0.0, 0.005):
             for on in (-0.15, 0.0, 0.15):
                 row = np.clip(np.searchsorted(low, elevation) - 1, 0, len(low) - 2)
                 near = cells(elevation + up * np.diff(low)[row], (azimuth + on) % 360.0)
-                usable |= (own >= 0) & (near >= 0) & self.usable[count, near]
+                both = (own >= 0) & (near >= 0)
+                worth = np.maximum(worth, np.where(both, self.worth[count, near], 0))
         here = self.places[0][place], self.places[1][place]
         close = arcs_m(here[0][:, None], here[1][:, None], *self.sites) <= self.radius_m
-        return place, at, np.count_nonzero(usable & close, axis=1)
+        return place, at, (worth * close).sum(axis=1)
 
 
 @pytest.mark.parametrize("lat_deg", [-88.5, 84.0, 88.5])
-@pytest.mark.parametrize("share", [0.8, 1.0])
-def test_a_place_has_what_it_is_told_at_every_moment(lat_deg: float, share: float) -> None:
+@pytest.mark.parametrize(("share", "units"), [(0.8, 1), (1.0, 1), (1.0, 15)])
+def test_a_place_has_what_it_is_told_at_every_moment(
+    lat_deg: float, share: float, units: int
+) -> None:
     """Not so if each candidate is asked about the place's own angles, as the Sun's angles differ by degrees."""
-    made = Made(lat_deg, 80e3, share)
+    made = Made(lat_deg, 80e3, share, units=units)
     cover, happens = made.cover()
     told = cover.counts(np.arange(len(cover)))
     place, cell, seen = made.least()
@@ -100,9 +106,12 @@ def test_a_place_has_what_it_is_told_at_every_moment(lat_deg: float, share: floa
     assert happens[place, cell].all()
     assert (seen >= told[place, cell]).all()
     close = arcs_m(made.places[0][:, None], made.places[1][:, None], *made.sites) <= made.radius_m
-    naive = close.astype(np.int64) @ made.usable.astype(np.int64)
+    naive = close.astype(np.int64) @ made.worth.astype(np.int64)
     assert np.count_nonzero(seen < naive[place, cell]) > 0.05 * len(place)
-    assert told[happens].sum() > (0.3 if share == 1.0 else 0.03) * naive[happens].sum()
+    assert (
+        told[happens].sum()
+        > ({1: 0.3, 15: 0.1}[units] if share == 1.0 else 0.03) * naive[happens].sum()
+    )
 
 
 def test_what_is_taken_together_is_less_and_still_true(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,7 +120,7 @@ def test_what_is_taken_together_is_less_and_still_true(monkeypatch: pytest.Monke
     monkeypatch.setattr(promise, "_ROWS", 100)
     monkeypatch.setattr(promise, "_PARTS", 3)
     coarse, happens = made.cover()
-    assert len(coarse.bits) == 60 * 9
+    assert len(coarse.worth) == 60 * 9
     everyone = np.arange(60)
     told = coarse.counts(everyone)
     assert (told[happens] <= fine.counts(everyone)[happens]).mean() > 0.99
@@ -123,7 +132,7 @@ def test_at_the_place_itself_all_that_is_usable_serves() -> None:
     """Footprints so small that angles are the same in all of them: nothing is lost."""
     made = Made(84.0, 80e3, 0.5)
     made.sites = Places(made.places[0] + 1e-4, made.places[1])
-    made.usable = made.usable[:12]
+    made.worth = made.worth[:12]
     made.radius_m = 1e3
     cover, happens = made.cover()
     told = cover.counts(np.arange(12))
@@ -134,4 +143,4 @@ def test_at_the_place_itself_all_that_is_usable_serves() -> None:
         )  # below the lowest row no claim is made
         some = GRID.shape[1] + np.flatnonzero(whole & happens[place, GRID.shape[1] :])
         assert len(some) > 5
-        np.testing.assert_array_equal(told[place, some], made.usable[place, some])
+        np.testing.assert_array_equal(told[place, some], made.worth[place, some])

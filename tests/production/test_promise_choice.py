@@ -190,7 +190,7 @@ def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, Fin
 def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
     """8 in the middle, half of it at an edge, a quarter in a corner; the step is added to the radius."""
     region = Area(10.0, 0.0, 100.0)
-    places = PromisedPlaces.of(region, PointConfig(footprint_km=20.0), 100.0, 1)
+    places = PromisedPlaces.of(region, PointConfig(footprint_km=20.0), 100.0, 1, 8)
     x = (places.at.lon_deg - 10.0) * 30.3234
     y = places.at.lat_deg * 30.3234
     middle = np.hypot(x, y) < 30.0
@@ -209,13 +209,16 @@ def test_what_cannot_be_promised_is_refused() -> None:
     with pytest.raises(
         ConfigError, match=r"footprint_km of 0\.5 km is too small .* at least \d+ km"
     ):
-        PromisedPlaces.of(Area(10.0, 0.0, 1000.0), PointConfig(footprint_km=0.5), 100.0, 960)
+        PromisedPlaces.of(Area(10.0, 0.0, 1000.0), PointConfig(footprint_km=0.5), 100.0, 960, 8)
     for wrong in ({"per_view": -1}, {"footprint_km": 0.0}, {"max_points": 0}, {"max_bytes": 0}):
         with pytest.raises(ConfigError, match=f"points.{next(iter(wrong))}"):
             PointConfig(**wrong)
     for given in ({"per_view": 0}, {"spacing_m": 5000.0}):
-        assert PointConfig(**given).promised == 0
-        with pytest.raises(ConfigError, match=r"needs `points\.per_view` above 0"):
+        assert not PointConfig(**given).promised
+        with pytest.raises(ConfigError, match=r"or `points\.per_view` above 0"):
             PointConfig(**given, max_points=10)
-    assert PointConfig().promised == 8
-    assert PointConfig(spacing_m=5000.0, per_view=3).promised == 3
+    assert PointConfig().located == 0.99
+    assert PointConfig(per_view=3).located is None
+    assert PointConfig(spacing_m=5000.0, per_view=3).promised
+    with pytest.raises(ConfigError, match="exclude each other"):
+        PointConfig(per_view=3, located_probability=0.9)

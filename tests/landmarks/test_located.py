@@ -1,0 +1,76 @@
+"""Units of points: against the joint probability of all points of a set, each with its own claim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lcp_catalog.landmarks import located
+from lcp_catalog.landmarks.located import MOST_UNITS, Units, equal_points, log10_false_alarms
+from lcp_catalog.matching.joint_detection import at_least_found
+
+
+def needed(probability: np.ndarray, chance: float) -> int:
+    """Fewest matches that agree significantly, beside wrong ones, counted upwards."""
+    wrong = round(0.05 * float((1.0 - probability).sum()))
+    k = 4
+    while True:
+        agrees = np.arange(k + wrong) < k
+        if log10_false_alarms(np.full(k + wrong, chance), agrees, 3) < -6.0:
+            return k
+        k += 1
+
+
+@pytest.mark.parametrize("count", [8, 12, 40])
+@pytest.mark.parametrize("probability", [0.2, 0.6, 0.97])
+def test_equal_points_are_as_points_with_claims(count: int, probability: float) -> None:
+    """The binomial sum is the Poisson binomial one."""
+    chance, claims = 0.0094, np.full(count, probability)
+    k = needed(claims, chance)
+    expected = at_least_found(claims)[k] if k <= count else 0.0
+    assert equal_points(count, probability, chance) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("gsd_m", [5.0, 59.0, 474.0])
+@pytest.mark.parametrize("wanted", [0.9, 0.99])
+def test_any_set_with_as_many_units_as_wanted_is_enough(gsd_m: float, wanted: float) -> None:
+    """Random sets of points of very different claims, which stop when their units suffice: located at least as
+    probably as wanted, and as the table says at each number of units.
+    """
+    units, rng = Units.of_located(wanted, gsd_m), np.random.default_rng(3)
+    chance = located._chance(gsd_m)
+    sizes = []
+    for _ in range(60):
+        claims = rng.beta(*rng.uniform(0.3, 3.0, 2), 600)
+        worth = np.searchsorted(units.least, claims, "right")
+        claims, worth = claims[worth > 0], worth[worth > 0]
+        count = int(np.searchsorted(np.cumsum(worth), units.demand)) + 1
+        if count > len(claims):
+            continue
+        sizes.append(count)
+        for some in (count, count // 2, count - 1):
+            own = claims[:some]
+            k = needed(own, chance)
+            there = at_least_found(own)[k] if k <= some else 0.0
+            assert there >= units.located[int(worth[:some].sum())] - 0.01
+        assert at_least_found(claims[:count])[needed(claims[:count], chance)] >= wanted
+    assert len(sizes) > 40
+    assert max(sizes) > 3 * min(sizes)
+
+
+def test_units_rise_with_the_probability() -> None:
+    units = Units.of_located(0.99, 474.0)
+    assert len(units.least) == MOST_UNITS
+    assert (np.diff(units.least) >= 0.0).all()
+    assert units.least[0] < 0.3
+    assert units.least[-1] > 0.9
+    assert (np.diff(units.located) >= 0.0).all()
+    assert units.located[units.demand] >= 0.99 > units.located[units.demand - MOST_UNITS]
+    usable = Units.of_usable(8, 0.9, 474.0)
+    assert (usable.least, usable.demand) == ((0.9,), 8)
+    assert usable.located[40] > 0.99 > usable.located[9] > usable.located[8] == 0.0
+
+
+def test_more_than_can_be_stated_is_refused() -> None:
+    with pytest.raises(ValueError, match="needs"):
+        Units.of_located(0.999999999, 474.0)
