@@ -172,11 +172,16 @@ def command(
 def _text(found: SiteWindows, intervals: list[dict[str, Any]], least: int) -> list[str]:
     lines = []
     if intervals:
-        lines.append("from                  to                    instants  usable     Sun, deg")
+        located = "" if found.located is None else "        located, at least"
+        lines.append(
+            f"from                  to                    instants  usable     Sun, deg{located}"
+        )
     for one in intervals:
         usable = f"{one['usable_min']} to {one['usable_max']}"
         sun = f"{one['sun_elevation_min_deg']:.1f} to {one['sun_elevation_max_deg']:.1f}"
-        lines.append(f"{one['from']:<20}  {one['to']:<20} {one['instants']:>9}  {usable:<9}  {sun}")
+        line = f"{one['from']:<20}  {one['to']:<20} {one['instants']:>9}  {usable:<9}  {sun}"
+        least_located = one.get("located_probability_min")
+        lines.append(line if least_located is None else f"{line:<77}  {least_located:.2f}")
     enough = sum(one["instants"] for one in intervals)
     lines.append(
         f"{found.points} points; at least {least} of them usable at {enough} of {len(found.times)} instants, "

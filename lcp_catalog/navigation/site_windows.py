@@ -29,9 +29,9 @@ Progress = Callable[[int, int], None]
 
 COLUMNS = (
     "time_utc", "sun_azimuth_deg", "sun_elevation_deg", "usable", "expected_points",
-    "position_sigma_m",
+    "position_sigma_m", "located_probability",
 )  # fmt: skip
-"""One row per instant; the last one only for a camera."""
+"""One row per instant; the last two only for a camera."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class Site:
 class SiteWindows:
     """Usable points of a site at n instants. ``usable`` (n,): their number; ``expected`` (n,): the sum
     of their detection probabilities; ``position_sigma_m`` (n,): 1 sigma of a camera's position, NaN
-    where the points do not determine it; None without a camera.
+    where the points do not determine it; ``located`` (n,): probability that a frame is located
+    (`matching.joint_detection`). Both None without a camera.
     """
 
     times: Instants
@@ -73,6 +74,7 @@ class SiteWindows:
     usable: Index
     expected: Array
     position_sigma_m: Array | None = None
+    located: Array | None = None
 
     def intervals(self, least: int = LEAST_POINTS) -> list[dict[str, Any]]:
         """Runs of instants with at least ``least`` usable points."""
@@ -83,7 +85,8 @@ class SiteWindows:
             own = self.usable[first:after]
             elevation = self.sun_deg[first:after, 1]
             found.append(
-                {
+                self._located(slice(first, after))
+                | {
                     "from": names[first],
                     "to": names[after - 1],
                     "instants": after - first,
@@ -95,27 +98,36 @@ class SiteWindows:
             )
         return found
 
+    def _located(self, part: slice) -> dict[str, float]:
+        """Least probability of being located in an interval."""
+        if self.located is None:
+            return {}
+        return {"located_probability_min": round(float(self.located[part].min()), 4)}
+
     def records(self) -> Iterator[dict[str, Any]]:
         """One record per instant, with the names of `COLUMNS`."""
         sigma: list[float | None] = [None] * len(self.times)
-        if self.position_sigma_m is not None:
+        located = list(sigma)
+        if self.position_sigma_m is not None and self.located is not None:
             sigma = [float(f"{s:.6g}") if np.isfinite(s) else None for s in self.position_sigma_m]
+            located = np.round(self.located, 4).tolist()
         columns = (
             self.times.labels(),
             *np.round(self.sun_deg, 4).T.tolist(),
             self.usable.tolist(),
             np.round(self.expected, 3).tolist(),
             sigma,
+            located,
         )
         for row in zip(*columns, strict=True):
             record = dict(zip(COLUMNS, row, strict=True))
             if self.position_sigma_m is None:
-                del record["position_sigma_m"]
+                del record["position_sigma_m"], record["located_probability"]
             yield record
 
     def csv_text(self) -> str:
         """Table of all instants (RFC 4180)."""
-        columns = COLUMNS if self.position_sigma_m is not None else COLUMNS[:-1]
+        columns = COLUMNS if self.position_sigma_m is not None else COLUMNS[:-2]
         return "".join(csv_lines([columns, *(record.values() for record in self.records())]))
 
 
@@ -156,17 +168,17 @@ def camera_windows(
     """
     suns, _ = apparent_sun(times)
     usable, expected = np.zeros(len(times), np.int64), np.zeros(len(times))
-    sigma, points = np.full(len(times), np.nan), 0
+    sigma, located, points = np.full(len(times), np.nan), np.zeros(len(times)), 0
     for k, answer in enumerate(
         answers(catalog, (PlannedImage(sensor, sun) for sun in suns), Query())
     ):
         usable[k], expected[k] = answer.usable, answer.position.expected_points
-        points = answer.counts["in_view"]
+        points, located[k] = answer.counts["in_view"], answer.joint.located
         if answer.position.position_sigma_m is not None:
             sigma[k] = answer.position.position_sigma_m
         if progress:
             progress(k + 1, len(times))
-    return SiteWindows(times, _sun_at(frame, times), points, usable, expected, sigma)
+    return SiteWindows(times, _sun_at(frame, times), points, usable, expected, sigma, located)
 
 
 def _sun_at(frame: EnuFrame, times: Instants) -> Array:
@@ -205,7 +217,7 @@ def windows(
         Direction to the camera, from the vertical and clockwise from north.
     camera:
         In place of size, pixel and direction: a camera that stays, or its file; adds the expected
-        accuracy of its position.
+        accuracy of its position and the probability of being located.
     progress:
         Called with the number of instants done and of all.
 

@@ -83,7 +83,7 @@ def test_the_table_has_the_numbers(catalog: Catalog) -> None:
     rows = list(csv.DictReader(io.StringIO(found.csv_text(), newline="")))
     assert [row["time_utc"] for row in rows] == TIMES.labels()
     assert [int(row["usable"]) for row in rows] == found.usable.tolist()
-    assert "position_sigma_m" not in rows[0]
+    assert not {"position_sigma_m", "located_probability"} & rows[0].keys()
 
 
 def test_a_camera_has_what_a_query_says() -> None:
@@ -93,12 +93,19 @@ def test_a_camera_has_what_a_query_says() -> None:
         frame = PlannedImage.lit(taken, SunChoice(time_utc=time))
         (answer,) = answers(catalog, [frame], Query())
         assert found.usable[k] == answer.usable
+        assert found.located[k] == answer.joint.located
         sigma = answer.position.position_sigma_m
         assert (sigma is None) == bool(np.isnan(found.position_sigma_m[k]))
         if sigma is not None:
             assert found.position_sigma_m[k] == pytest.approx(sigma, rel=1e-6)
     assert np.isfinite(found.position_sigma_m).any()
     assert "position_sigma_m" in next(found.records())
+    assert max(record["located_probability"] for record in found.records()) > 0.9
+    for interval in found.intervals(1):
+        within = (np.array(TIMES.labels()) >= interval["from"]) & (
+            np.array(TIMES.labels()) <= interval["to"]
+        )
+        assert interval["located_probability_min"] == round(found.located[within].min(), 4)
 
 
 def test_a_site_without_points_is_refused(catalog: Catalog) -> None:
