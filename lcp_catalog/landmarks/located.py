@@ -83,7 +83,7 @@ class Units:
     def of_usable(cls, count: int, min_detection: float, gsd_m: float) -> Units:
         """Every usable point is worth one unit, and ``count`` are wanted."""
         limit = min(max(min_detection, 0.01), _CERTAIN)
-        return cls((min_detection,), count, tuple(_located(limit, 1, _chance(gsd_m)).tolist()))
+        return cls((min_detection,), count, tuple(_located(limit, 1, chance_of(gsd_m)).tolist()))
 
     @classmethod
     @functools.cache
@@ -92,7 +92,7 @@ class Units:
 
         ValueError for a probability that needs more points than `UNITS_MAX` units.
         """
-        chance = _chance(gsd_m)
+        chance = chance_of(gsd_m)
         first = _least_number(_CERTAIN, probability, chance)
         if first * MOST_UNITS > UNITS_MAX:
             raise ValueError(
@@ -109,7 +109,7 @@ class Units:
         return cls(least, MOST_UNITS * first, tuple(np.min(tables, axis=0).tolist()))
 
 
-def _chance(gsd_m: float) -> float:
+def chance_of(gsd_m: float) -> float:
     """Chance of a match to agree by accident, in an image whose pixel is the cell."""
     reach = float(np.clip(GATE * _POSITION_M / gsd_m, *_REACH_PX))
     area = math.pi * (GATE**2 * _SIGMA_PX**2 + _TOLERANCE_PX**2)

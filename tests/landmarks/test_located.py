@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lcp_catalog.landmarks import located
-from lcp_catalog.landmarks.located import MOST_UNITS, Units, equal_points, log10_false_alarms
+from lcp_catalog.landmarks.located import (
+    MOST_UNITS,
+    Units,
+    chance_of,
+    equal_points,
+    log10_false_alarms,
+)
 from lcp_catalog.matching.joint_detection import at_least_found
 
 
@@ -38,7 +43,7 @@ def test_any_set_with_as_many_units_as_wanted_is_enough(gsd_m: float, wanted: fl
     probably as wanted, and as the table says at each number of units.
     """
     units, rng = Units.of_located(wanted, gsd_m), np.random.default_rng(3)
-    chance = located._chance(gsd_m)
+    chance = chance_of(gsd_m)
     sizes = []
     for _ in range(60):
         claims = rng.beta(*rng.uniform(0.3, 3.0, 2), 600)

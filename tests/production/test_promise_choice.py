@@ -16,7 +16,9 @@ from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ConfigError
+from lcp_catalog.landmarks.located import Units, chance_of, needed
 from lcp_catalog.landmarks.selection import stable_id
+from lcp_catalog.matching.joint_detection import at_least_found
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import AreaConfig, PointConfig, SunConfig, ViewConfig
 from lcp_catalog.production.finished_area import FinishedArea, finished_area
@@ -112,6 +114,53 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     assert (usable >= stored[asked]).all()
     enough = usable >= told.demand[place[asked]]
     assert enough[cause[asked] == Cause.MET].all()
+
+
+@pytest.mark.slow
+def test_frames_are_located_as_promised(tmp_path: Path) -> None:
+    """Cameras anywhere in the region under any Sun that can happen there: the points in their footprints, with the
+    probabilities of `predict`, are found together in such numbers that the frame is located as probably as is stored for the
+    nearest place; points that are not usable are among them.
+    """
+    points = dataclasses.replace(
+        PROMISED.points, per_view=None, located_probability=0.5, footprint_km=50.0
+    )
+    area = dataclasses.replace(PROMISED.area, size_km=70.0)
+    plan = Build.plan((DEM,), dataclasses.replace(PROMISED, area=area, points=points))
+    run = BuildRun(plan, tmp_path / "located.h5")
+    run.checkpoints.folder.mkdir()
+    for job in plan.jobs:
+        run.checkpoints.write(job.task.name, finished_area(run_area(job), plan.recipe.config))
+    run.finish({})
+    catalog = open_catalog(tmp_path / "located.h5")
+    told, units = catalog.promise, Units.of_located(0.5, 474.0)
+    assert told is not None
+    assert told.demand.max() == units.demand
+    rng = np.random.default_rng(7)
+    lon, lat = plan.recipe.region.lattice(60)
+    sun = suns_that_happen(rng, lat)
+    row, column = (
+        np.searchsorted(grid, np.nan_to_num(part), side="right") - 1
+        for grid, part in ((catalog.sun_elevation, sun[:, 0]), (catalog.sun_azimuth, sun[:, 1]))
+    )
+    place = arcs_m(lon[:, None], lat[:, None], told.longitude, told.latitude).argmin(axis=1)
+    stored, kept, hopeless = told.points[place, 0, row, column], 0, 0
+    for k in np.flatnonzero(np.isfinite(sun[:, 0]) & (stored != NO_CELL)).tolist():
+        near = np.flatnonzero(arcs_m(lon[k], lat[k], catalog.longitude, catalog.latitude) <= 25e3)
+        elevation, azimuth = np.radians(sun[k])
+        towards = [np.sin(azimuth), np.cos(azimuth), np.tan(elevation)]
+        towards, down = (np.tile(one, (len(near), 1)) for one in (towards, [0.0, 0.0, 1.0]))
+        found = predict(catalog, near, towards, down, np.full(len(near), 474.0))
+        claims = found.detection_probability[np.isfinite(found.detection_probability)]
+        least = needed(len(claims), float(claims.mean()), chance_of(474.0))
+        located = at_least_found(claims)[least] if least <= len(claims) else 0.0
+        assert located >= told.located[0][stored[k]] - 0.005
+        if stored[k] >= units.demand:
+            assert located >= 0.5
+            kept += 1
+            hopeless += np.count_nonzero(~found.usable)
+    assert kept > 20
+    assert hopeless > 20
 
 
 def test_what_is_not_kept_has_a_cause(catalog: Catalog, built: Path) -> None:
