@@ -1,6 +1,6 @@
 """What points are worth for a frame to be located: units, by which points of different probabilities add up.
 
-`lcp locate` accepts a position by at least K matches that agree (`log10_false_alarms`). Of n points that are each found
+`lcp validate` accepts a position by at least K matches that agree (`log10_false_alarms`). Of n points that are each found
 with the probability p, and whose failures have a common cause (the factor u of `matching.joint_detection`), at least K are found
 with a probability P(p, n). Let n(p) be the least n for which that is as much as wanted. A point with the probability p is then
 worth `MOST_UNITS` n(1) / n(p) units, rounded down, and points with together `MOST_UNITS` n(1) units are enough.
