@@ -30,21 +30,25 @@ def command(catalog: str, as_json: bool) -> int:
 
 
 def _described(path: str) -> dict[str, Any]:
-    from lcp_catalog.catalog.summary import describe
-    from lcp_catalog.exports.flight import describe_flight
+    if path.lower().endswith(FLIGHT):
+        from lcp_catalog.exports.flight import describe_flight  # takes a second and 100 MB
 
-    return describe_flight(path) if path.lower().endswith(FLIGHT) else describe(path)
+        return describe_flight(path)
+    from lcp_catalog.catalog.summary import describe
+
+    return describe(path)
 
 
 def _text(path: str, found: dict[str, Any]) -> str:
-    from lcp_catalog.catalog.summary import summary_rows
-    from lcp_catalog.exports.flight import flight_rows
-
     lines = [f"{path}: {'intact' if found['intact'] else 'NOT INTACT'}"]
     lines += [f"  {problem}" for problem in found["problems"]]
     if found["points"] is not None and path.lower().endswith(FLIGHT):
+        from lcp_catalog.exports.flight import flight_rows
+
         lines += [f"{name:14} {text}" for name, text in flight_rows(found)]
     elif found["points"] is not None:
+        from lcp_catalog.catalog.summary import summary_rows
+
         lines[0] += f", schema {found['schema_version']}, made by {found['software']}"
         lines += [f"{name:14} {text}" for name, text in summary_rows(found)]
         files = found["sources"] + (found["albedo"]["files"] if found["albedo"] else [])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -74,3 +76,11 @@ def test_an_empty_catalogue_is_intact(path: Path, capsys: pytest.CaptureFixture)
 def test_a_missing_file_is_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert run(["inspect", str(tmp_path / "none.h5")]) == 1
     assert "none.h5" in capsys.readouterr().err
+
+
+def test_a_catalogue_is_inspected_without_what_flight_files_need(path: Path) -> None:
+    """Kernels and rasters would take a second and 100 MB."""
+    code = "import sys; from lcp_cli.main import run; run(sys.argv[1:]); print(*sys.modules)"
+    command = [sys.executable, "-c", code, "inspect", path]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert not {"numba", "rasterio", "scipy"} & {*done.stdout.split()}
