@@ -113,9 +113,11 @@ class SunCheck:
 
     @property
     def turned(self) -> bool:
-        """True if the best azimuth is not the stated one."""
+        """True if the best azimuth is not the stated one; False for fewer than `_FEWEST` independent points, whose
+        spread says too little about its sigma.
+        """
         least = max(LEAST_TURN_DEG, _TURN_SIGMAS * self.best_turn_sigma_deg)
-        return self.points >= _FEWEST and abs(self.best_turn_deg) > least
+        return self.independent >= _FEWEST and abs(self.best_turn_deg) > least
 
     @property
     def doubt_px(self) -> float:

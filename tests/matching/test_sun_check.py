@@ -89,7 +89,14 @@ def test_a_best_turn_is_refused_if_far_and_sure(turn: float, sigma: float, fits:
     assert check.preferred is None
     assert check.fits == fits
     assert (f"turned by {turn:+.0f} deg +- {sigma:.1f}" in check.complaint) != fits
-    assert replace(check, points=4).fits
+    assert replace(check, points=4, independent=4.0).fits
+
+
+def test_points_on_the_same_ground_refuse_no_turn() -> None:
+    """AS16-M-2801, Sun 52 deg: 7 points on the ground of 3.9 said -22 deg +- 6.8; 50 on that of 25 said -10 +- 6.5."""
+    check = replace(light(0.2), best_turn_deg=-22.0, best_turn_sigma_deg=6.8)
+    assert not replace(check, points=50, independent=25.4).fits
+    assert replace(check, points=7, independent=3.9).fits
 
 
 def test_a_sun_is_turned_and_raised() -> None:
