@@ -17,7 +17,7 @@ from .build_options import OPTIONS, PartParam, build_options
 from .files import FileCommand, InputFile
 from .groups import collected
 from .messages import echo, log_format_option, say
-from .options import dem_argument, depfile_option, output_option, overwrite_option
+from .options import check_outputs, dem_argument, depfile_option, output_option, overwrite_option
 from .value_types import POSITIVE, Number
 
 if TYPE_CHECKING:
@@ -271,6 +271,7 @@ def command(
     """
     if output is None and not mode.plan:
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
+    check_outputs(True, output)  # a folder that is not there is said before a DEM is opened
     planned = Planned(dem, config, images, memory_gb)
     if mode.plan or output is None:
         _print_plan(planned.build, run, mode.as_json)

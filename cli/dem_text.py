@@ -23,7 +23,7 @@ def file_text(one: dict[str, Any]) -> str:
     if one["vertical_uncertainty_m"] is not None:
         rows.append(("uncertainty", f"{one['vertical_uncertainty_m']:g} m of height (1 sigma)"))
     rows += [("resolves", text) for text in _resolved(one)]
-    rows += [(f"at {s['lon']:g} {s['lat']:g}", _metres(s["height_m"])) for s in one["samples"]]
+    rows += [(f"at {s['lon']:g} {s['lat']:g}", _sample(s, one["bounds"])) for s in one["samples"]]
     return "\n".join([one["path"], *_aligned(rows)])
 
 
@@ -219,8 +219,17 @@ def _missing(share: float | None) -> str:
     return "not read (--quick)" if share is None else f"{share:.4%} of the pixels"
 
 
-def _metres(height_m: float | None) -> str:
-    return "no data" if height_m is None else f"{height_m:.2f} m"
+def _sample(place: dict[str, Any], box: dict[str, float]) -> str:
+    """The height at a place, or why there is none: in a file of an area, places outside it, too."""
+    if place["height_m"] is not None:
+        return f"{place['height_m']:.2f} m"
+    inside = [
+        box["south"] <= lat <= box["north"]
+        and (lon - box["west"]) % 360.0 <= box["east"] - box["west"]
+        for lon, lat in ((place["lon"], place["lat"]), (place["lat"], place["lon"]))
+    ]
+    asked = ": are longitude and latitude exchanged?" if inside[1] else ""
+    return "no data" if inside[0] else f"outside the file{asked}"
 
 
 def _percent(share: float) -> str:

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import CameraError
+from ..file_kinds import other_kind
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_of
 from .frame_camera import Camera, camera_from_json, fields_of_plane
 from .isd import AnySensor, is_isd, sensor_from_isd
@@ -262,4 +263,5 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise CameraError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:
-        raise CameraError(f"{path}: is not JSON: {error}") from error
+        found = other_kind(path, "a camera file (CAMERA.json, USGS ISD or .tsai)")
+        raise CameraError(f"{path}: {found or f'is not JSON: {error}'}") from error

@@ -41,8 +41,9 @@ _OFF_CENTRE = 0.2
 _DEEPEST_M = 20e3
 """Greatest depth of a camera below the reference sphere; the deepest ground of the Moon lies 9.1 km below it."""
 
+_OPENGL = "the axes of OpenGL or Blender (right, up, backwards)"
 _AXES = {
-    "the axes of OpenGL or Blender (right, up, backwards)": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    _OPENGL: [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
     "the axes of a body (ahead, left, up)": [[0, -1, 0], [0, 0, -1], [1, 0, 0]],
     "the axes of a body (ahead, right, down)": [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
 }
@@ -165,10 +166,10 @@ def candidates(camera: Camera) -> Iterator[Candidate]:
     yield from _by_angles(camera)
     given = camera.rotation_mcmf_to_camera
     yield _turned(camera, given.T, "seems to take camera axes to MCMF: give its transpose")
-    for axes, matrix in _AXES.items():
-        for rotation, how in ((given, "it"), (given.T, "its transpose")):
-            text = f"seems to have {axes}: multiply {how} from the left by {matrix}"
-            yield _turned(camera, np.array(matrix, np.float64) @ rotation, text)
+    tried = [(given, "it", axes) for axes in _AXES] + [(given.T, "its transpose", _OPENGL)]
+    for rotation, how, axes in tried:
+        text = f"seems to have {axes}: multiply {how} from the left by {_AXES[axes]}"
+        yield _turned(camera, np.array(_AXES[axes], np.float64) @ rotation, text)
 
 
 def _turned(camera: Camera, rotation: Array, text: str) -> Candidate:

@@ -20,6 +20,7 @@ import numpy as np
 from ..arrays import AnyArray
 from ..atomic_files import file_state
 from ..errors import CatalogError
+from ..file_kinds import other_kind
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
 from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
@@ -82,8 +83,9 @@ class StoredFile:
             if isinstance(error, OSError) and error.errno:
                 text = f"{self.path}: {NOT_OPENED}{os.strerror(error.errno)}"
                 raise CatalogError(text) from error
-            text = f"{self.path}: not an HDF5 file, or cut short: {line_of(error)}"
-            raise CatalogError(text) from error
+            kind = other_kind(self.path, "a catalogue")
+            text = kind or f"not an HDF5 file, or cut short: {line_of(error)}"
+            raise CatalogError(f"{self.path}: {text}") from error
         try:
             if file_state(os.fstat(file.id.get_vfd_handle())) != self.stamp:
                 raise CatalogError("was changed since it was opened; open it again")

@@ -21,6 +21,7 @@ from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader
 
 from ..errors import DemError
+from ..file_kinds import other_kind
 
 DRIVERS = (
     *("GTiff", "VRT", "JP2OpenJPEG", "PDS", "PDS4", "ISIS3", "ISIS2", "VICAR", "HFA", "ENVI"),
@@ -82,7 +83,9 @@ def opened(name: str, kind: str) -> Any:
             )  # said where the grid is needed
             dataset = DatasetReader(name, driver=list(DRIVERS))
     except UNREADABLE as error:
-        raise DemError(f"{name}: not {kind} that can be read here ({cause_of(error)})") from error
+        other = other_kind(name, kind)
+        why = other or f"not {kind} that can be read here ({cause_of(error)})"
+        raise DemError(f"{name}: {why}") from error
     for (high, wide), dtype in zip(dataset.block_shapes, dataset.dtypes, strict=True):
         if high * wide * np.dtype(dtype).itemsize > _BLOCK_BYTES:
             raise DemError(

@@ -440,6 +440,11 @@ def _expected(
     if count < LEAST_POINTS:
         few = "no usable point" if not count else f"{count} usable point{'s' * (count > 1)}"
         reason = f"{few}: a position needs {LEAST_POINTS}"
+        if query.most is not None and 0 < query.most == count:
+            reason = (
+                f"only {count} point{'s' * (count > 1)} asked for: a position needs {LEAST_POINTS} (three fit up to four "
+                "positions, and a fourth tells which); ask for more"
+            )
         return ExpectedPosition(None, None, None, to_enu, expected, reason)
     covariance, known = information.covariance(), information.covariance_known_attitude()
     shared, budget = query.map_sigma_m**2 * np.eye(3), None

@@ -55,7 +55,8 @@ class Site:
         if not len(found):
             raise CatalogError(
                 f"no point of the catalogue lies within the {self.size_m / 1e3:g} km around longitude "
-                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger `size_km`, or another `center_deg`"
+                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger `size_km`, or another `center_deg` "
+                f"(the first of {len(catalog)} lies at longitude {catalog.longitude[0]:.2f}, latitude {catalog.latitude[0]:.2f})"
             )
         return found
 

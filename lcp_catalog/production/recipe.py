@@ -83,6 +83,9 @@ def _changed(path: Path) -> AreaFailedError:
 
 log = logging.getLogger(__name__)
 
+_FINEST = 16.0
+"""Most cells along a pixel of the DEM."""
+
 _ERROR_PLACES = 33
 """Side of the lattice of places at which a region's height errors are sampled."""
 
@@ -153,6 +156,7 @@ def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
     """
     area = config.area
     if area.gsd_m:
+        _require_coarse(area.gsd_m, dems, region)
         return [Cell(area.gsd_m, "as configured")]
     wanted = area.derived_levels_m if area.altitudes_km else area.levels_m
     if not wanted:
@@ -172,6 +176,16 @@ def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
         log.warning("levels left out: %s", text)
     reason = "by altitude and pixel" if area.altitudes_km else "as configured"
     return [Cell(cell_m, reason) for cell_m in found]
+
+
+def _require_coarse(cell_m: float, dems: DemSet, region: Area) -> None:
+    """AreaError for cells that are much finer than every DEM of the region: interpolation alone would fill them."""
+    pixels_m = [dem.gsd_m for dem in dems.dems if dem.grid.bounds.meets(region.bounds)]
+    if pixels_m and cell_m * _FINEST < min(pixels_m):
+        raise AreaError(
+            f"`area.gsd_m` of {cell_m:g} m: the pixels of the DEM are {min(pixels_m) / cell_m:.0f} times as large "
+            f"({min(pixels_m):.4g} m), and finer cells hold nothing more; leave it out, or give a finer DEM"
+        )
 
 
 def _listed(cells_m: Sequence[float]) -> str:

@@ -23,6 +23,7 @@ from ..constants import MOON_RADIUS_M
 from ..dem.dem import Dem
 from ..dem.mosaic import DemSet
 from ..errors import AreaError
+from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import EnuFrame
 from ..kernels.resampling import heights as resample
 from .area import Area, NodeWindow, require_place
@@ -134,10 +135,18 @@ def terrain_from_area(
     )
     row0, row1, col0, col1 = terrain.core
     if not (terrain.product_index[row0:row1, col0:col1] >= 0).any():
-        raise AreaError(
-            f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
-        )
+        raise no_height(dems, area)
     return terrain
+
+
+def no_height(dems: DemSet, area: Area) -> AreaError:
+    """The error for an area without a height in the DEMs."""
+    lon, lat = wrapped_deg(area.lon_deg), area.lat_deg
+    exchanged = abs(lon) <= 90.0 and dems.candidates_at(lat, lon).any()
+    return AreaError(
+        f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
+        f"{': are longitude and latitude exchanged?' if exchanged else ''}"
+    )
 
 
 def sample_patches(
@@ -201,9 +210,7 @@ def native_dem(dems: DemSet, area: Area) -> Dem:
         coarsest = max(dem.gsd_m for dem in dems.dems)
         _, index = _solve(dems, [area.frame], x.ravel(), y.ravel(), coarsest)
         if not (index >= 0).any():
-            raise AreaError(
-                f"the area ({area.bounds}) has no height in the DEM, which covers {dems.bounds}"
-            ) from None
+            raise no_height(dems, area) from None
         return dems.dems[int(np.bincount(index[index >= 0]).argmax())]
 
 

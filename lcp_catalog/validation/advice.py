@@ -11,6 +11,7 @@ test over the points, as many as share no terrain), and at least half of the poi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..matching.consensus import independent_share
-from ..matching.point_choice import evenly, patch_width_px, working_image
+from ..matching.point_choice import evenly, patch_width_px, points_in_view, working_image
 from ..matching.point_search import Criteria, find_points
 from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from ..matching.search_area import perhaps_in_view
@@ -162,6 +163,49 @@ def advised(
     if not help_:
         return located
     return replace(located, verdict=CANNOT_SAY, reason=located.reason + help_)
+
+
+def turned_or_unlit(
+    located: Fix, catalog: Catalog, image: Image, locate: Callable[[Image], Fix]
+) -> str:
+    """Of an image that was not located: that its Sun is below the horizon, or by which turn it would be located, as
+    the end of a sentence; empty if neither is so.
+    """
+    dark = _unlit(catalog, image)
+    return _turned(image, locate) if not dark and located.verdict == NOT_HERE else dark
+
+
+def _unlit(catalog: Catalog, image: Image) -> str:
+    """That the Sun is below the horizon of all points in view, as the end of a sentence; empty if it is not."""
+    places = catalog.position_mcmf[points_in_view(catalog, image.sensor)]
+    up = places / np.linalg.norm(places, axis=-1, keepdims=True)
+    highest = float((up * image.sun_directions(places)).sum(axis=-1).max(initial=-1.0))
+    if not len(places) or highest >= 0.0:
+        return ""
+    deep = np.degrees(-np.arcsin(highest))
+    return (
+        f"; the Sun is {deep:.1f} deg below the horizon of every point in view: state another Sun"
+    )
+
+
+def _turned(image: Image, locate: Callable[[Image], Fix]) -> str:
+    """By which quarter turn about the optical axis an image of a framing camera would be located, as the end of a
+    sentence; empty if by none.
+    """
+    camera = image.sensor.full
+    if not isinstance(camera, Camera):
+        return ""
+    turn = np.eye(3, dtype=np.int64)
+    for degrees in (90, 180, 270):
+        turn = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) @ turn
+        rotation = turn.astype(np.float64) @ camera.rotation_mcmf_to_camera
+        found = locate(image.with_sensor(replace(camera, rotation_mcmf_to_camera=rotation)))
+        if found.pose is not None:
+            return (
+                f"; turned by {degrees} deg about the optical axis it would be located ({found.reason}): multiply "
+                f"rotation_mcmf_to_camera from the left by {turn.tolist()}"
+            )
+    return ""
 
 
 def _camera(catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float) -> str:

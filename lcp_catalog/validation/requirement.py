@@ -50,8 +50,8 @@ NUMBERS = (
 )  # fmt: skip
 """Paths of the numeric figures in an image's entry."""
 
-_IN_FULL = ("claims.count",)
-"""Paths that must be given in full; their end belonged to another path before them."""
+_IN_FULL = ("claims.count", "light.points")
+"""Paths that must be given in full: their end would be taken for another figure."""
 
 _ERROR = "pose.position_error"
 

@@ -6,7 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,12 +36,20 @@ from ..matching.matches import Matches
 from ..matching.point_choice import at_one_scale, points_in_view
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
-from ..matching.position_fix import CANNOT_SAY, FAINT, LOCATED, SEARCHED, Fix, Options, locate
+from ..matching.position_fix import (
+    CANNOT_SAY,
+    FAINT,
+    LOCATED,
+    SEARCHED,
+    Fix,
+    Options,
+    locate,
+)
 from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
-from .advice import EncodingCheck, advised, albedo_advice, check_encoding
+from .advice import EncodingCheck, advised, albedo_advice, check_encoding, turned_or_unlit
 from .claims import Claims, ClaimSearch
 from .error_fit import FittedErrors, Residuals, fit_errors, residuals_of
 from .ground_comparison import (
@@ -284,11 +292,17 @@ def _searched(
 ) -> _EncodedSearch:
     """The search in an image as it was opened and, if that is asked for and fits better, decoded."""
 
+    def place(catalog: Catalog, image: Image) -> Fix:
+        return locate(catalog, image, request.uncertainty, request.law, options)
+
     def search(image: Image) -> _EncodedSearch:
         catalog = _perhaps_seen(request, whole, image, options)
-        located = locate(catalog, image, request.uncertainty, request.law, options)
+        located = place(catalog, image)
         sigmas = options.sigmas
         located = advised(located, catalog, image.sensor, request.uncertainty, sigmas)
+        if located.pose is None:
+            more = turned_or_unlit(located, catalog, image, partial(place, catalog))
+            located = replace(located, reason=located.reason + more)
         return _EncodedSearch(image, catalog, located)
 
     found, used = search(image), ENCODINGS[0]

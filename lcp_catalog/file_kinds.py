@@ -1,0 +1,31 @@
+"""What a file is that was given in the place of another, by its first bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_BEGINNINGS = (
+    (b"\x89HDF", "an HDF5 file, such as a catalogue"),
+    (b"\x89PNG", "a PNG image"),
+    (b"\xff\xd8\xff", "a JPEG image"),
+    (b"II*\0", "a TIFF image, such as a DEM"),
+    (b"MM\0*", "a TIFF image, such as a DEM"),
+    (b"II+\0", "a TIFF image, such as a DEM"),
+    (b"LCPF", "a flight file"),
+    (b"{", "a JSON file, such as a camera"),
+)
+
+
+def other_kind(path: Path | str, wanted: str) -> str:
+    """``is a PNG image, not a catalogue``, for a file whose beginning is known and not that of what is ``wanted``;
+    empty for others, and for a file that cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as file:
+            beginning = file.read(64).lstrip()
+    except OSError:
+        return ""
+    kind = next((text for start, text in _BEGINNINGS if beginning.startswith(start)), "")
+    if not kind and Path(path).suffix.lower() == ".toml":
+        kind = "a configuration (TOML), which is given with `config`"
+    return f"is {kind}, not {wanted}" if kind and not kind.endswith(wanted) else ""
