@@ -16,9 +16,9 @@ _BEGINNINGS = (
 )
 
 
-def other_kind(path: Path | str, wanted: str) -> str:
+def other_kind(path: Path | str, wanted: str, raster: bool = False) -> str:
     """``is a PNG image, not a catalogue``, for a file whose beginning is known and not that of what is ``wanted``;
-    empty for others, and for a file that cannot be read.
+    empty for others, and for a file that cannot be read. ``raster``: every image can be what is wanted.
     """
     try:
         with Path(path).open("rb") as file:
@@ -28,4 +28,6 @@ def other_kind(path: Path | str, wanted: str) -> str:
     kind = next((text for start, text in _BEGINNINGS if beginning.startswith(start)), "")
     if not kind and Path(path).suffix.lower() == ".toml":
         kind = "a configuration (TOML), which is given with `config`"
+    if raster and " image" in kind:
+        return ""
     return f"is {kind}, not {wanted}" if kind and not kind.endswith(wanted) else ""

@@ -36,6 +36,7 @@ _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
 MAP_PX = 960.0
 _MARGIN_PX = (100.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
 _DISC_PX = 100.0
+_TOPS_DEG = (3.0, 6.0, 12.0, 24.0, 45.0, 90.0)
 _GRATICULE_DEG = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
 
 
@@ -61,17 +62,30 @@ def hillshade(height_m: AnyArray, cell_m: float) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True)
 class SunDisc:
-    """Disc of Sun directions: azimuth clockwise from north (up), the zenith at the centre, the
-    horizon at the rim. ``sun_elevation`` and ``sun_azimuth`` are the grid of directions, degrees.
+    """Disc of Sun directions: azimuth clockwise from north (up), the horizon at the rim, the zenith at the
+    centre or, where the Sun never comes so high, the elevation ``top_deg``. ``sun_elevation`` and
+    ``sun_azimuth`` are the grid of directions, degrees.
     """
 
     sun_elevation: AnyArray
     sun_azimuth: AnyArray
+    top_deg: float = 90.0
+
+    @classmethod
+    def of(cls, sun_elevation: AnyArray, sun_azimuth: AnyArray, suns: AnyArray) -> SunDisc:
+        """The disc for the Suns that are True (elevation, azimuth): low ones fill it."""
+        highest = [
+            high
+            for (_, high), row in zip(_spans(sun_elevation, 0.0, 90.0), suns, strict=True)
+            if row.any()
+        ]
+        tops = (top for top in _TOPS_DEG if top >= max(highest, default=90.0))
+        return cls(sun_elevation, sun_azimuth, next(tops, 90.0))
 
     def definitions(self) -> Markup:
         """Outlines of the cells, which every disc of the page refers to."""
         cells = [
-            f'<path id="s{i}-{j}" d="{_sector(e0, e1, a0, a1)}"/>'
+            f'<path id="s{i}-{j}" d="{_sector(self._radius(e0), self._radius(e1), a0, a1)}"/>'
             for i, (e0, e1) in enumerate(_spans(self.sun_elevation, 0.0, 90.0))
             for j, (a0, a1) in enumerate(_azimuth_spans(self.sun_azimuth))
         ]
@@ -94,15 +108,19 @@ class SunDisc:
             for a, name in ((0, "N"), (90, "E"), (180, "S"), (270, "W"))
             if large
         ]
-        return drawing("sun_disc", _DISC_PX, 26 if large else 6, shown, element, names, label)
+        rings = [(k * self.top_deg / 3, _DISC_PX * (1 - k / 3)) for k in range(3)]
+        pad = 26 if large else 6
+        return drawing("sun_disc", _DISC_PX, pad, shown, element, names, label, rings)
+
+    def _radius(self, elevation_deg: float) -> float:
+        return _DISC_PX * max(0.0, 1.0 - elevation_deg / self.top_deg)
 
     def _title(self, i: int, j: int, share: float) -> str:
         return f"azimuth {self.sun_azimuth[j]:g}°, elevation {self.sun_elevation[i]:g}°: {100 * share:.0f} %"
 
 
-def _sector(e0: float, e1: float, a0: float, a1: float) -> str:
-    """Outline between two elevations and two azimuths, degrees."""
-    outer, inner = (_DISC_PX * (90.0 - e) / 90.0 for e in (e0, e1))
+def _sector(outer: float, inner: float, a0: float, a1: float) -> str:
+    """Outline between two radii and two azimuths, degrees."""
     a1 = min(a1, a0 + 359.9)  # an arc of 360 degrees would be empty
     large = int(a1 - a0 > 180.0)
     corners = [

@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, write_bytes
+from ..ephemeris.solar_position import reachable_suns
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import number, page
 from ..plots.pictures import data_uri
@@ -105,7 +106,7 @@ def claim_map(
     and direction of the point's north on the map. ``map_px``: width and height of the map.
 
     ``cells``: spacing cells with their map coordinates and width; ``data``: a row of bits (v, k) for each, filled
-    up to whole bytes: 1 where a usable point is near; ``known`` (v, k): the condition was evaluated;
+    up to whole bytes: 1 where a usable point is near, or the Sun never comes there; ``known`` (v, k): the condition was evaluated;
     ``of``: number of all cells. ``patches``: heights (``side``, ``side``) of the points ``of``, indices
     in ``points``; ``data``: little-endian int16 in steps of ``step_m``.
     """
@@ -165,7 +166,10 @@ def _cells(catalog: Catalog, chart: ReliefMap, suns: Index) -> dict[str, Any]:
     near = np.zeros((0, len(catalog.view_off_nadir), len(suns)), np.uint8)
     if cells.usable is not None:
         near = np.asarray(cells.usable)[rows][:, :, suns[:, 0], suns[:, 1]]
-    bits = np.packbits((near == 1).reshape(len(near), near.shape[1] * near.shape[2]), axis=1)
+    lit = _possible(cells.latitude[rows], catalog, suns)[:, None]
+    bits = np.packbits(
+        ((near == 1) | ~lit).reshape(len(near), near.shape[1] * near.shape[2]), axis=1
+    )
     return {
         "x": np.round(x, 1).tolist(),
         "y": np.round(y, 1).tolist(),
@@ -175,6 +179,16 @@ def _cells(catalog: Catalog, chart: ReliefMap, suns: Index) -> dict[str, Any]:
         "side_px": round(max(cells.spacing_m, cells.step_m or 0.0) * chart.scale, 2),
         "data": _packed(bits.tobytes()),
     }
+
+
+def _possible(lat_deg: AnyArray, catalog: Catalog, suns: Index) -> AnyArray:
+    """True for the Suns (k) that can occur at latitudes (n), to 0.1 deg, (n, k)."""
+    found, of = np.unique(np.round(lat_deg, 1), return_inverse=True)
+    azimuth, elevation = catalog.sun_azimuth, catalog.sun_elevation
+    every = [
+        reachable_suns(float(lat), azimuth, elevation)[suns[:, 0], suns[:, 1]] for lat in found
+    ]
+    return np.reshape(every, (len(found), len(suns))).astype(np.bool_)[of]
 
 
 def _patches(catalog: Catalog, rows: Index) -> dict[str, Any]:
@@ -289,7 +303,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
     """The report as HTML. Equal catalogues give equal text."""
     statistics = Statistics.of(catalog)
     found = summary(catalog, statistics)
-    disc = SunDisc(catalog.sun_elevation, catalog.sun_azimuth)
+    disc = SunDisc.of(catalog.sun_elevation, catalog.sun_azimuth, statistics.suns)
     chosen, sentence = _chosen(statistics, cards_max)
     holes = _holes(catalog)
     return page(
@@ -309,6 +323,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         ],
         map=_map(catalog, statistics),
         holes=holes,
+        top_deg=disc.top_deg,
         hole_note=_hole_note(catalog, holes),
         plane=catalog.overview.plane,
         catalog=catalog,

@@ -83,7 +83,7 @@ def opened(name: str, kind: str) -> Any:
             )  # said where the grid is needed
             dataset = DatasetReader(name, driver=list(DRIVERS))
     except UNREADABLE as error:
-        other = other_kind(name, kind)
+        other = other_kind(name, kind, raster=True)
         why = other or f"not {kind} that can be read here ({cause_of(error)})"
         raise DemError(f"{name}: {why}") from error
     for (high, wide), dtype in zip(dataset.block_shapes, dataset.dtypes, strict=True):

@@ -66,3 +66,17 @@ def test_histograms_count_everything() -> None:
     assert (same.chart, same.single, same.count) == (None, "2 m", 3)
     nothing = charts.distribution([np.nan], "m", "h")
     assert (nothing.chart, nothing.single, nothing.count) == (None, "", 0)
+
+
+def test_low_suns_fill_the_disc() -> None:
+    """At a pole the Sun reaches the lowest of three elevations; its cell ends at 2 deg of 3."""
+    elevation, azimuth = np.array([1.0, 3.0, 45.0]), np.arange(0.0, 360.0, 90.0)
+    suns = np.zeros((3, 4), np.bool_)
+    suns[0] = True
+    disc = charts.SunDisc.of(elevation, azimuth, suns)
+    assert disc.top_deg == 3.0
+    outline = re.search(r'id="s0-0" d="M[^"]*?L([^A]*)A', disc.definitions())
+    assert outline is not None
+    assert np.hypot(*map(float, outline[1].split())) == pytest.approx(100.0 / 3.0, abs=0.1)
+    assert ">2°</text>" in disc.draw(np.where(suns, 1.0, np.nan), "d", large=True)
+    assert charts.SunDisc.of(elevation, azimuth, ~suns).top_deg == 90.0

@@ -143,6 +143,16 @@ def test_the_page_holds_coverage_and_heights() -> None:
     without = report.claim_map(*given(unknown))
     assert without is not None
     assert (without["cells"]["x"], without["cells"]["of"]) == ([], 0)
+    north = dataclasses.replace(
+        catalog.coverage, latitude=np.full(len(near), 80.0), usable=np.zeros_like(catalog.coverage.usable)
+    )  # fmt: skip
+    polar = report.claim_map(*given(dataclasses.replace(catalog, coverage=north)))
+    assert polar is not None
+    bits = np.unpackbits(np.frombuffer(unpacked(polar["cells"]["data"]), np.uint8).reshape(len(near), -1), axis=1)  # fmt: skip
+    no_hole = bits[:, :count].reshape(near.shape)
+    elevation = catalog.sun_elevation[suns[:, 0]]
+    assert no_hole[..., elevation >= 20.0].all()  # the Sun rises to 11.8 deg there
+    assert not no_hole[..., elevation <= 10.0].all()
     patches = found["patches"]
     z = np.frombuffer(unpacked(patches["data"]), "<i2").reshape(
         -1, patches["side"], patches["side"]

@@ -250,8 +250,8 @@
     element('more').textContent = listed.length > ROWS ? `The ${ROWS} most probable of ${listed.length} usable points.` : '';
     sky.forEach((cell, sun) => {
       const {seen, good} = bySun[sun], share = seen ? good / seen : 0;
-      cell.setAttribute('class', `c${shade(share)}${sun === chosen.sun ? ' chosen' : ''}`);
-      cell.querySelector('title').textContent = `${sunName(sun)}: ${(100 * share).toFixed(0)} %`;
+      cell.setAttribute('class', `${seen ? `c${shade(share)}` : 'never'}${sun === chosen.sun ? ' chosen' : ''}`);
+      cell.querySelector('title').textContent = seen ? `${sunName(sun)}: ${(100 * share).toFixed(0)} %` : `${sunName(sun)}: never there`;
     });
     chart(bySun);
     detail();
