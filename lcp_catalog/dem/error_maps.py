@@ -13,6 +13,7 @@ effective resolution apart correlate by exp(-2) = 0.14.
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -190,8 +191,13 @@ LENGTH_PER_RESOLUTION = 0.5
 where no calibration gives the length.
 """
 
-UNKNOWN_SIGMA_M = 10.0
-"""1 sigma of heights of a product without a figure."""
+SIGMA_PER_RESOLUTION = 0.0245
+"""1 sigma of height errors over the effective resolution, for a product without a figure: that of GLD100's calibration
+(24.5 m where it resolves 1000 m).
+"""
+
+_STEP_PX = 256
+"""Pixels along the side of the middle of a file in which the step of its heights is looked for."""
 
 
 @dataclass(frozen=True)
@@ -205,17 +211,23 @@ class HeightErrors:
 
 
 def errors_of_file(dem: Dem) -> HeightErrors:
-    """Height errors of a DEM file: as calibrated, else as published (`grid.facts_of`), else
-    `UNKNOWN_SIGMA_M`; the length as calibrated, else by the effective resolution
+    """Height errors of a DEM file: as calibrated, else as published (`grid.facts_of`), else by what it resolves
+    (`SIGMA_PER_RESOLUTION`) and the step of its heights; the length as calibrated, else by the effective resolution
     (`LENGTH_PER_RESOLUTION`).
     """
     facts, found = dem.facts, dem.effective_resolution
+    resolution_m = found.resolution_m if found.is_measured else dem.gsd_m
     if facts.calibrated_sigma_m is not None:
         sigma = facts.calibrated_sigma_m, facts.calibration
     elif facts.sigma_m is not None:
         sigma = facts.sigma_m, f"{facts.family}: {facts.source}"
     else:
-        sigma = UNKNOWN_SIGMA_M, "no figure is known: a default"
+        step_m = height_step_m(dem)
+        sigma = (
+            math.hypot(SIGMA_PER_RESOLUTION * resolution_m, step_m / math.sqrt(12.0)),
+            f"no figure is known: {100 * SIGMA_PER_RESOLUTION:g} % of the {resolution_m:.4g} m that the heights resolve, "
+            f"and their steps of {step_m:.3g} m",
+        )
     if facts.calibrated_length_m is not None:
         length = facts.calibrated_length_m, facts.calibration
     elif found.is_measured:
@@ -233,23 +245,32 @@ def errors_of_file(dem: Dem) -> HeightErrors:
     return HeightErrors(sigma[0], length[0], sigma[1], length[1])
 
 
+def height_step_m(dem: Dem) -> float:
+    """Least difference of two heights in the middle of a file, metres: the step of quantised heights, next to nothing for
+    others.
+    """
+    down, across = dem.grid.height, dem.grid.width
+    row, col = (max(0, (size - _STEP_PX) // 2) for size in (down, across))
+    z = dem.read(row, min(row + _STEP_PX, down), col, min(col + _STEP_PX, across)).astype(
+        np.float64
+    )
+    steps = np.diff(np.unique(z[np.isfinite(z)]))
+    return float(steps.min(initial=np.inf)) if steps.size else 0.0
+
+
 def warn_of_unknown(dems: DemSet, lon_deg: ArrayLike, lat_deg: ArrayLike) -> None:
     """Log a warning that names the files used at places (n,) for whose heights no 1 sigma is known."""
     used = np.unique(dems.product_at(lon_deg, lat_deg))
-    facts = {dems.dems[n].path.name: dems.dems[n].facts for n in used[used >= 0].tolist()}
-    unknown = [
-        name
-        for name, fact in facts.items()
-        if fact.sigma_m is None and fact.calibrated_sigma_m is None
-    ]
-    if unknown:
-        log.warning(
-            "%s: not recognised as a known product (was the file renamed?): a 1 sigma of %g m is assumed for its "
-            "heights, and what they resolve is estimated from them; give [errors] height_sigma_m in a BUILD.toml, or "
-            "maps: `dem.sigma_map`, `dem.resolution_map`",
-            ", ".join(unknown),
-            UNKNOWN_SIGMA_M,
-        )
+    for dem in (dems.dems[n] for n in used[used >= 0].tolist()):
+        if dem.facts.sigma_m is None and dem.facts.calibrated_sigma_m is None:
+            log.warning(
+                "%s: not recognised as a product with a known error (was the file renamed?): a 1 sigma of %.3g m is assumed "
+                "for its heights, %g %% of what they resolve; give [errors] height_sigma_m in a BUILD.toml, or maps: "
+                "`dem.sigma_map`, `dem.resolution_map`",
+                dem.path.name,
+                errors_of_file(dem).sigma_m,
+                100.0 * SIGMA_PER_RESOLUTION,
+            )
 
 
 def height_errors(

@@ -641,6 +641,11 @@ class ModelConfig:
         return dataclasses.replace(self, albedo=name)
 
 
+PLACE_PER_LENGTH = 25.0 / 530.0
+"""1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15;
+with maps of Apollo 16 it is 80 of 1450 m."""
+
+
 @dataclass(frozen=True)
 class ErrorConfig:
     """The differences between images and renders (`landmarks.error_model.ErrorModel`); None: heights by
@@ -667,7 +672,11 @@ class ErrorConfig:
     )
     albedo_sigma: float = meant(0.09, "Relative 1 sigma of brightness that no map holds.")
     albedo_length_m: float = meant(1900.0, "Its correlation length.")
-    position_sigma_m: float = meant(25.0, "1 sigma of a patch's place, each axis.")
+    position_sigma_m: float | None = meant(
+        None,
+        "1 sigma of a patch's place, each axis.",
+        default=f"{100.0 * PLACE_PER_LENGTH:.2g} % of `errors.height_length_m` (25 m for GLD100)",
+    )
     spread: float = meant(0.25, "Standard deviation of the logarithm of all this between places.")
     shadow_shift: float = meant(
         0.11,
@@ -686,7 +695,9 @@ class ErrorConfig:
 
         derived = {"height_sigma_m": height_sigma_m, "height_length_m": height_length_m}
         given = {k: v for k, v in dataclasses.asdict(self).items() if v is not None}
-        return ErrorModel(**(derived | given))
+        whole = derived | given
+        place_m = float(f"{PLACE_PER_LENGTH * whole['height_length_m']:.3g}")
+        return ErrorModel(**({"position_sigma_m": place_m} | whole))
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,11 @@ from lcp_catalog.dem import products
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.error_maps import (
     LENGTH_PER_RESOLUTION,
-    UNKNOWN_SIGMA_M,
     ErrorMaps,
     FigureMap,
     errors_of_file,
     height_errors,
+    height_step_m,
 )
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import DemError
@@ -170,13 +171,37 @@ def test_a_calibration_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (found.sigma_source, found.length_source) == ("images", "images")
 
 
-def test_a_product_without_figures_has_defaults_that_say_so(tmp_path: Path) -> None:
+def test_errors_of_a_product_without_figures_follow_what_it_resolves(tmp_path: Path) -> None:
     path = figures(tmp_path / "mine.tif", some())
     found = errors_of_file(Dem.open(path))
-    assert found.sigma_m == UNKNOWN_SIGMA_M
-    assert "default" in found.sigma_source
-    assert found.length_m == pytest.approx(0.5 * STEP_DEG * DEGREE_M)  # too coarse to measure
+    posting_m = STEP_DEG * DEGREE_M  # too coarse to measure
+    assert found.sigma_m == pytest.approx(0.0245 * posting_m, rel=1e-3)
+    assert "no figure is known: 2.45 % of the 7581 m" in found.sigma_source
+    assert found.length_m == pytest.approx(0.5 * posting_m)
     assert "posting" in found.length_source
+
+
+def test_a_renamed_product_has_about_the_errors_of_its_calibration(tmp_path: Path) -> None:
+    renamed = shutil.copy(HADLEY, tmp_path / "mine.tif")
+    known, found = errors_of_file(Dem.open(HADLEY)), errors_of_file(Dem.open(renamed))
+    assert found.sigma_m == pytest.approx(known.sigma_m, rel=0.05)
+    assert found.length_m == pytest.approx(known.length_m, rel=0.1)
+
+
+@pytest.mark.parametrize("step_m", [0.467, 5.0])
+def test_rounding_is_part_of_the_errors(tmp_path: Path, step_m: float) -> None:
+    """Steps of an 8-bit DTM: their rms error is step / sqrt(12)."""
+    rough = np.cumsum(np.random.default_rng(3).normal(0.0, 1.0, (64, 64)), axis=1)
+    rounded = (np.rint(rough / step_m) * step_m).astype(np.float32)
+    one, other = (
+        Dem.open(geotiff(tmp_path / f"{name}.tif", z, 0.0, 0.0, 2.0))
+        for name, z in (("rough", rough.astype(np.float32)), ("rounded", rounded))
+    )
+    assert height_step_m(other) == pytest.approx(step_m, rel=1e-3)
+    assert height_step_m(one) < 0.01
+    rounding = np.std(rounded - rough)
+    without = 0.0245 * (other.effective_resolution.resolution_m or 2.0)
+    assert errors_of_file(other).sigma_m == pytest.approx(np.hypot(without, rounding), rel=0.05)
 
 
 def test_a_map_counts_where_it_has_a_value(tmp_path: Path) -> None:

@@ -57,10 +57,16 @@ def test_a_renamed_file_is_not_known(sample, caplog, tmp_path) -> None:
     renamed = DemSet.open([shutil.copy(SAMPLE, tmp_path / "renamed.tif")])
     warn_of_unknown(renamed, [3.0], [25.0])
     (line,) = said(caplog)
-    assert line.startswith("renamed.tif: not recognised as a known product")
+    assert line.startswith("renamed.tif: not recognised as a product with a known error")
     assert all(
         name in line
-        for name in ("10 m", "height_sigma_m", "`dem.sigma_map`", "`dem.resolution_map`")
+        for name in (
+            "1 sigma of 24.5 m",
+            "2.45 %",
+            "height_sigma_m",
+            "`dem.sigma_map`",
+            "`dem.resolution_map`",
+        )
     )
 
 
