@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .exports.export import export as export
     from .images.image import Image as Image
     from .images.image_file import open_image as open_image
+    from .light.sun_choice import Sun as Sun
     from .light.sun_choice import SunChoice as SunChoice
     from .light.sun_visibility import sun_at as sun_at
     from .matching.point_choice import choose_points as choose_points
@@ -62,6 +63,7 @@ _MODULES = {
     "Fix": "matching.position_fix",
     "Image": "images.image",
     "LcpError": "errors",
+    "Sun": "light.sun_choice",
     "SunChoice": "light.sun_choice",
     "Uncertainty": "cameras.sensor",
     "build_catalog": "production.run",

@@ -9,7 +9,8 @@ the names of its options there. Each class is also a builtin error, so that a ca
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -145,3 +146,14 @@ def unread(path: object, error: OSError) -> InputError:
     """The error of an input file that is not there, or that the system does not read."""
     missing = isinstance(error, FileNotFoundError)
     return InputError(f"{path}: {'there is no such file' if missing else error.strerror or error}")
+
+
+def package(name: str, extra: str, wanted_for: str) -> Any:
+    """The module of a package. MissingPackageError, with the command that installs it, if it is not
+    installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        text = f"{wanted_for} needs the package {name.partition('.')[0]}: pip install 'lcp-catalog[{extra}]'"
+        raise MissingPackageError(text) from error

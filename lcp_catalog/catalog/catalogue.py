@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Index
 from ..constants import FRAME, MOON_RADIUS_M
-from ..errors import CatalogError
+from ..errors import CatalogError, package
 from ..geometry.bounds import Bounds
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .layout import (
@@ -33,7 +34,7 @@ from .layout import (
     sigma_step_m,
 )
 from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
-from .schema import COVERAGE_UNKNOWN, NO_CELL, OPTIONAL, PACKED, SCHEMA_VERSION, universal
+from .schema import COVERAGE_UNKNOWN, NO_CELL, OPTIONAL, PACKED, SCHEMA_VERSION, universal, usable
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -173,6 +174,14 @@ class Catalog(CatalogParts):
     >>> opened = lcp.open_catalog(catalog)
     >>> opened.dem.shape == (len(opened), opened.patch_nodes, opened.patch_nodes)
     True
+    >>> near = opened.within(3.0, 25.0, 4.0, 26.0)
+    >>> low = near.sel(sun_elevation=15.0, sun_azimuth=90.0, view=0)
+    >>> len(low) <= len(near) < len(opened)
+    True
+    >>> opened[0]["point_id"] == next(iter(opened))["point_id"], len(opened[:3])
+    (True, 3)
+    >>> opened.to_dataframe().index.name, opened["condition"].dims
+    ('point_id', ('point', 'view', 'sun_elevation', 'sun_azimuth'))
     """
 
     def __post_init__(self) -> None:
@@ -203,6 +212,116 @@ class Catalog(CatalogParts):
             f"<Catalog: {len(self)} points, patches of {size} x {size} nodes, "
             f"{len(self.view_off_nadir)} views, {suns} Suns>"
         )
+
+    def _repr_html_(self) -> str:
+        """A short table for a notebook: counts, region and the usable share by Sun, which reads the conditions."""
+        from .summary import summary, summary_rows  # noqa: PLC0415  # it imports this module
+
+        found = summary(self)
+        rows = summary_rows(found) + [
+            (
+                f"Sun at {row['sun_elevation_deg']:g}°",
+                "█" * round(20 * row["usable_share"]) + f" {row['usable_share']:.0%} usable",
+            )
+            for row in found["usable_by_sun_elevation"]
+        ]
+        cells = (f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
+        return f"<table>{''.join(cells)}</table>"
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """The figures of each point, as `[i]` gives them; the columns are read once."""
+        columns = self._columns()
+        return (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+
+    def __getitem__(self, which: Any) -> Any:
+        """Of a row its figures by name, a dict; of a slice, rows or a mask (n,) the `Catalog` in memory of these
+        points; of the name of a variable an xarray.DataArray with its coordinates.
+
+        Raises
+        ------
+        IndexError
+            For a row that is not there.
+        CatalogError
+            For a variable that the catalogue is without.
+        MissingPackageError
+            For a variable, without xarray.
+        """
+        if isinstance(which, str):
+            return self._labelled(which)
+        if isinstance(which, int | np.integer):
+            row = range(len(self))[which]
+            found = {name: self.part(name, np.array([row]))[0] for name in self._column_names}
+            return {
+                name: value.item() if isinstance(value, np.generic) else value
+                for name, value in found.items()
+            }
+        return self.take(np.arange(len(self))[which])
+
+    @property
+    def _column_names(self) -> tuple[str, ...]:
+        """Variables with one value for each point."""
+        return tuple(name for name in self.point_variables if GROUPS[""][name].dims == ("point",))
+
+    def _columns(self) -> dict[str, list[Any]]:
+        return {name: self.part(name).tolist() for name in self._column_names}
+
+    def _labelled(self, name: str) -> Any:
+        require(
+            ""
+            if name in GROUPS[""]
+            else f"has no {name}; there are {', '.join(self.point_variables)}"
+        )
+        xarray = package("xarray", "notebook", "a labelled variable")
+        found = self.part(name)
+        dims = GROUPS[""][name].dims
+        coords = {
+            dim: getattr(self, dim, np.arange(size))
+            for dim, size in zip(dims, found.shape, strict=True)
+        }
+        return xarray.DataArray(found, coords, dims, name)
+
+    def to_dataframe(self) -> Any:
+        """The points as a pandas.DataFrame with a column for each figure of a point, indexed by ``point_id``;
+        units as in the file (metres, degrees). MissingPackageError without pandas.
+        """
+        pandas = package("pandas", "notebook", "a data frame")
+        return pandas.DataFrame(self._columns()).set_index("point_id")
+
+    def sel(
+        self,
+        *,
+        view: int | None = None,
+        sun_elevation: float | None = None,
+        sun_azimuth: float | None = None,
+    ) -> Catalog:
+        """The catalogue in memory of the points that are usable in a condition, or in any of several.
+
+        Parameters
+        ----------
+        view:
+            Number of the view; None: any.
+        sun_elevation, sun_azimuth:
+            Angles of the Sun at the point, degrees; the nearest of the catalogue's are taken. None: any.
+
+        Raises
+        ------
+        CatalogError
+            For a view that the catalogue is without.
+        """
+        views = len(self.view_off_nadir)
+        require(
+            ""
+            if view is None or 0 <= view < views
+            else f"has no view {view}, but {views}, from 0 on"
+        )
+        e = a = slice(None)
+        if sun_elevation is not None:
+            e = _one(np.abs(self.sun_elevation - sun_elevation))
+        if sun_azimuth is not None:
+            a = _one(np.abs((self.sun_azimuth - sun_azimuth + 180.0) % 360.0 - 180.0))
+        v = slice(None) if view is None else slice(view, view + 1)
+        good = usable(self.part("condition", slice(None), v, e, a))
+        return self.take(np.flatnonzero(good.any(axis=(1, 2, 3))))
 
     def packing(self, name: str) -> Any:
         """How a variable of `schema.PACKED` is stored."""
@@ -320,6 +439,12 @@ class Catalog(CatalogParts):
     def cells_within(self, box: Bounds) -> Index:
         """Numbers of the coverage cells within a box, degrees. Raises as `within`."""
         return _inside(self.coverage.longitude, self.coverage.latitude, box)
+
+
+def _one(away: AnyArray) -> slice:
+    """The place of the smallest of some distances, as a slice."""
+    at = int(np.argmin(away))
+    return slice(at, at + 1)
 
 
 def _inside(lon_deg: AnyArray, lat_deg: AnyArray, box: Bounds) -> Index:

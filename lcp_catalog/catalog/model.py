@@ -95,7 +95,15 @@ def _reads_arrays(part: type[Part]) -> type[Part]:
     for field in fields(part):
         if "AnyArray" in str(field.type):
             setattr(part, field.name, _ArrayField(field.name))
+    part.__repr__ = _sizes  # type: ignore[method-assign]
     return part
+
+
+def _sizes(part: Any) -> str:
+    """The sizes of a part's arrays, and its numbers and texts: no value is read."""
+    values = {field.name: held(part, field.name) for field in fields(part)}
+    shown = (f"{name} {np.shape(value) or value}" for name, value in values.items())
+    return f"<{type(part).__name__}: {', '.join(shown)}>"
 
 
 def held(part: Any, name: str) -> Any:

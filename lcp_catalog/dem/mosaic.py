@@ -86,11 +86,14 @@ class DemSet:
                 )
 
     @classmethod
-    def open(cls, paths: Sequence[Path | str], order: Sequence[str] | None = None) -> DemSet:
-        """Open all files. DemError or LabelError of the first that cannot be opened. No pixel is
+    def open(
+        cls, paths: Path | str | Sequence[Path | str], order: Sequence[str] | None = None
+    ) -> DemSet:
+        """Open one file or several. DemError or LabelError of the first that cannot be opened. No pixel is
         read.
         """
-        return cls(tuple(Dem.open(path) for path in paths), tuple(order or ()))
+        several = [paths] if isinstance(paths, Path | str) else paths
+        return cls(tuple(Dem.open(path) for path in several), tuple(order or ()))
 
     def for_cells(self, cell_m: float) -> DemSet:
         """The same files for distant terrain on cells of a width: of sufficiently fine products the

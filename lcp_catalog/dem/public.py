@@ -41,7 +41,7 @@ def dem_set(dem: Dems, product_order: Sequence[str] = ()) -> DemSet:
     """
     if isinstance(dem, DemSet):
         return dem
-    return DemSet.open([dem] if isinstance(dem, Path | str) else dem, product_order)
+    return DemSet.open(dem, product_order)
 
 
 def dem_paths(dem: Dems) -> tuple[Path, ...]:

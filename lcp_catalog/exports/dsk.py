@@ -13,11 +13,11 @@ import numpy as np
 
 from ..arrays import Array, Index
 from ..child_process import call_apart
-from ..errors import AreaError
+from ..errors import AreaError, package
 from ..geometry.bounds import enclosing_arc
 from ..geometry.frames import mcmf_to_lonlat
 from .frames import LunarFrame, frame_named
-from .points import ExportedPoints, package, write_checked
+from .points import ExportedPoints, write_checked
 
 PLATES_MAX = 250_000
 """Most plates without a box: about 12 MB."""

@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ from ..catalog.integrity import line_of
 from ..catalog.patch_terrain import patch_nodes
 from ..catalog.schema import FIGURES, VARIABLES, evaluated, usable
 from ..child_process import ChildFailedError
-from ..errors import AreaError, MissingPackageError
+from ..errors import AreaError
 from ..geometry.bounds import Bounds, wrapped_deg
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from .frames import LunarFrame
@@ -198,17 +197,6 @@ def cells(points: ExportedPoints) -> dict[str, AnyArray]:
     turned = lonlat_to_mcmf(lon, lat) @ points.frame.from_me.T
     lon, lat, _ = mcmf_to_lonlat(turned)
     return {"longitude_deg": wrapped_deg(lon), "latitude_deg": lat, "status": status}
-
-
-def package(name: str, extra: str, wanted_for: str) -> Any:
-    """The module of a package. MissingPackageError, with the command that installs it, if it is not
-    installed.
-    """
-    try:
-        return import_module(name)
-    except ImportError as error:
-        text = f"{wanted_for} needs the package {name.partition('.')[0]}: pip install 'lcp-catalog[{extra}]'"
-        raise MissingPackageError(text) from error
 
 
 _ROOM_BYTES = 2**16

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..atomic_files import csv_lines
 from ..constants import MOON_RADIUS_M
-from .points import Column, ExportedPoints, package, plain
+from ..errors import package
+from .points import Column, ExportedPoints, plain
 
 
 def write_csv(points: ExportedPoints, path: Path) -> None:

@@ -16,9 +16,10 @@ import numpy as np
 from ..arrays import AnyArray, Array
 from ..catalog.schema import COVERAGE_STATUS
 from ..constants import FRAME
+from ..errors import package
 from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import mcmf_to_lonlat
-from .points import ExportedPoints, cells, package, plain, write_checked
+from .points import ExportedPoints, cells, plain, write_checked
 
 _SIDE = 8
 """Most pieces of a footprint's side."""

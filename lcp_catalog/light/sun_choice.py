@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -24,6 +25,8 @@ class SunChoice:
 
     Examples
     --------
+    >>> lcp.Sun.at("1971-07-31T01:25:52").time_utc
+    '1971-07-31T01:25:52Z'
     >>> sun = lcp.SunChoice(azimuth_deg=96.5, elevation_deg=14.0)
     >>> lcp.open_image(folder / "AS15-M-0414.png", camera, sun).sun_direction_mcmf.shape
     (3,)
@@ -55,6 +58,8 @@ class SunChoice:
         """
         if isinstance(sun, SunChoice):
             return sun
+        if isinstance(sun, dt.datetime | np.datetime64):
+            return cls.at(sun)
         if sun is None or isinstance(sun, str):
             return cls(time_utc=sun)
         if not isinstance(sun, tuple) or len(sun) != 2:
@@ -62,6 +67,14 @@ class SunChoice:
                 f"`sun` is azimuth and elevation, an instant or a SunChoice, not {sun!r}"
             )
         return cls(float(sun[0]), float(sun[1]))
+
+    @classmethod
+    def at(cls, time: str | dt.datetime | np.datetime64) -> SunChoice:
+        """The Sun at an instant, UTC if it has no time zone: ISO text, datetime or datetime64. SunError for an
+        invalid time.
+        """
+        given = np.array([time]) if isinstance(time, np.datetime64) else time
+        return cls(time_utc=instants(given).labels()[0])
 
     @property
     def is_stated(self) -> bool:
@@ -126,5 +139,8 @@ class SunChoice:
         return self.azimuth_deg is not None or self.subsolar_deg is not None
 
 
-SunStated: TypeAlias = SunChoice | tuple[float, float] | str | None
+Sun = SunChoice
+"""Short name for notebooks: `Sun.at`."""
+
+SunStated: TypeAlias = SunChoice | tuple[float, float] | str | dt.datetime | np.datetime64 | None
 """A Sun as public functions take it: `SunChoice.of`."""
