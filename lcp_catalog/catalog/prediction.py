@@ -166,7 +166,8 @@ def conditions_used(
     view = _view_weights(catalog, view_enu, altitude_km)
     up, along = _sun_weights(catalog, sun_enu)
     views = np.zeros(len(catalog.view_off_nadir), bool)
-    views[view.index[view.weight > _LEAST_WEIGHT]] = True
+    reached = view.weight.reshape(len(sun_enu), -1, 3).sum(axis=2) > _LEAST_WEIGHT
+    views[view.index.reshape(len(sun_enu), -1, 3)[reached]] = True  # all corners of a triangle
     index, weight = _combined((up, along))
     suns = np.zeros((len(catalog.sun_elevation), len(catalog.sun_azimuth)), bool)
     suns[tuple(axis[weight > _LEAST_WEIGHT] for axis in index)] = True

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.catalogue import Catalog
+from ..catalog.prediction import ViewMesh, view_plane
 from ..catalog.schema import (
     DETECTION_STEP,
     EVALUATED,
@@ -57,7 +58,8 @@ HEADER = np.dtype(
         ("index_crc", "<u4"), ("worst_height_m", "<f4"), ("min_detection", "<f4"),
         ("probability_step", "<f4"), ("sigma_log_least", "<f8"), ("sigma_log_step", "<f8"),
         ("radius_m", "<f8"), ("position_sigma_m", "<f4"), ("catalog_sha256", "V32"),
-        ("spare", "V56"), ("crc", "<u4"),
+        ("triangles", "<u2"), ("zero", "<u2"), ("albedo_sigma", "<f4"), ("slope_sigma", "<f4"),
+        ("spare", "V44"), ("crc", "<u4"),
     ]
 )  # fmt: skip
 TILE = np.dtype("3<f8, <f4, <u4, <u4, <u4")
@@ -76,6 +78,7 @@ def tables_type(header: Any) -> np.dtype[Any]:
         ("sun_elevation_deg", "<f4", e), ("sun_azimuth_deg", "<f4", a),
         ("view_off_nadir_deg", "<f4", v), ("view_azimuth_deg", "<f4", v),
         ("view_altitude_km", "<f4", v), ("image_scale", "<f4", s), ("sun_number", "<u2", (e, a)),
+        ("triangles", "u1", (int(header["triangles"]), 3)),
     ])  # fmt: skip
 
 
@@ -117,6 +120,7 @@ def write_flight(
     suns = suns if kept is None else suns & kept.suns
     if not suns.any() or not len(views):
         raise AreaError("no point has a claim under any Sun and view")
+    triangles, errors = _triangles(catalog, views), catalog.errors
     number = np.full(suns.shape, NO_SUN, np.uint16)
     number[suns] = np.arange(suns.sum())
     header = np.zeros((), HEADER)
@@ -128,7 +132,9 @@ def write_flight(
         "albedo": catalog.albedo_map is not None, "min_detection": catalog.min_detection,
         "probability_step": DETECTION_STEP, "sigma_log_least": np.log(least),
         "sigma_log_step": np.log(largest / least) / (NONE - 1), "radius_m": MOON_RADIUS_M,
-        "position_sigma_m": float(catalog.errors.get("position_sigma_m") or np.nan),
+        "position_sigma_m": float(errors.get("position_sigma_m") or np.nan),
+        "triangles": len(triangles), "albedo_sigma": float(errors.get("albedo_sigma", 0.0)),
+        "slope_sigma": float(errors.get("height_sigma_m", 0.0)) / float(errors.get("height_length_m", 1.0)),
         "catalog_sha256": bytes.fromhex(content_sha256(catalog) if catalog.path else "00" * 32),
     }.items():  # fmt: skip
         header[name] = value
@@ -138,7 +144,7 @@ def write_flight(
         "view_off_nadir_deg": catalog.view_off_nadir[views],
         "view_azimuth_deg": catalog.view_azimuth[views],
         "view_altitude_km": catalog.view_altitude[views],
-        "image_scale": catalog.image_scale[scales], "sun_number": number,
+        "image_scale": catalog.image_scale[scales], "sun_number": number, "triangles": triangles,
     }.items():  # fmt: skip
         tables[name] = values
     index = np.zeros(len(tiles), TILE)
@@ -166,12 +172,26 @@ def write_flight(
         file.write(header.tobytes() + tables.tobytes() + index.tobytes())
 
 
+def _triangles(catalog: Catalog, views: Index) -> Index:
+    """Corners (m, 3) of the meshes of the views at each altitude, from the highest (`prediction.ViewMesh`), numbers in ``views``;
+    those of which all corners are kept.
+    """
+    found = []
+    for altitude in np.unique(catalog.view_altitude)[::-1]:
+        which = np.flatnonzero(catalog.view_altitude == altitude)
+        places = view_plane(catalog.view_off_nadir[which], catalog.view_azimuth[which])
+        found.append(which[ViewMesh.of(places).simplices])
+    every = np.concatenate(found)
+    return np.searchsorted(views, every[np.isin(every, views).all(axis=1)])
+
+
 def whole_bytes(catalog: Catalog, scales: int) -> int:
     """About the bytes of the flight file of all points and conditions, with that many image scales."""
     sizes = {
         "nodes": catalog.patch_nodes, "scales": scales, "views": len(catalog.view_off_nadir),
         "suns": int(Statistics.of(catalog).suns.sum()), "elevations": len(catalog.sun_elevation),
         "azimuths": len(catalog.sun_azimuth), "albedo": catalog.albedo_map is not None,
+        "triangles": len(_triangles(catalog, np.arange(len(catalog.view_off_nadir)))),
     }  # fmt: skip
     start = HEADER.itemsize + tables_type(sizes).itemsize
     return (

@@ -9,7 +9,6 @@
 #define TILE 40u
 #define POINT 96u
 #define NONE 255u
-#define NO_SUN 65535u
 #define DEPENDENT 128u
 #define COVER 0.95      /* least share of a pixel's point spread on the patch */
 #define REAL 0.7        /* least share of valid pixels under a template */
@@ -20,29 +19,14 @@ const lcpf_law LCPF_LOMMEL_SEELIGER = {0, {0.21, 0.0, 0.0, 0.0, 0.0}};
 const lcpf_law LCPF_LUNAR_LAMBERT = {1, {0.048057257303098844, 1.347, 0.0565, -0.053, 0.227}}; /* Yokota et al. 2011 */
 
 /* ---- numbers of the file, whatever the byte order of the machine */
-
 static uint32_t u16(const uint8_t *p) { return (uint32_t)p[0] | (uint32_t)p[1] << 8; }
 static uint32_t u32(const uint8_t *p) { return u16(p) | u16(p + 2) << 16; }
 static uint64_t u64(const uint8_t *p) { return (uint64_t)u32(p) | (uint64_t)u32(p + 4) << 32; }
 
-static double f32(const uint8_t *p) {
-    uint32_t bits = u32(p);
-    float value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
+static double f32(const uint8_t *p) { uint32_t bits = u32(p); float value; memcpy(&value, &bits, sizeof value); return value; }
+static double f64(const uint8_t *p) { uint64_t bits = u64(p); double value; memcpy(&value, &bits, sizeof value); return value; }
 
-static double f64(const uint8_t *p) {
-    uint64_t bits = u64(p);
-    double value;
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-static int32_t signed16(const uint8_t *p) {
-    int32_t value = (int32_t)u16(p);
-    return value < 32768 ? value : value - 65536;
-}
+static int32_t signed16(const uint8_t *p) { int32_t value = (int32_t)u16(p); return value < 32768 ? value : value - 65536; }
 
 static uint32_t crc32(const uint8_t *p, size_t count) {
     uint32_t table[16], crc = 0xFFFFFFFFu;
@@ -75,23 +59,19 @@ static double towards(const double a[3], const double b[3], double out[3]) {
 }
 
 /* ---- the file */
-
 static size_t claims_at(const lcpf_file *f) {
     size_t square = (size_t)f->nodes * f->nodes;
     return POINT + square * (f->albedo ? 3u : 2u);
 }
 
-static const uint8_t *point_at(const lcpf_file *f, uint32_t number) {
-    return f->bytes + f->data + f->stride * number;
-}
+static const uint8_t *point_at(const lcpf_file *f, uint32_t number) { return f->bytes + f->data + f->stride * number; }
 
 static const uint8_t *tile_at(const lcpf_file *f, uint32_t tile) { return f->bytes + f->index + TILE * (size_t)tile; }
 
 int lcpf_open(lcpf_file *f, const uint8_t *b, size_t size) {
     static const uint8_t magic[8] = {0x4C, 0x43, 0x50, 0x46, 0x0D, 0x0A, 0x1A, 0x0A};
     if (size < HEADER) return LCPF_NOT_A_FILE;
-    for (int k = 0; k < 8; k++)
-        if (b[k] != magic[k]) return LCPF_NOT_A_FILE;
+    for (int k = 0; k < 8; k++) if (b[k] != magic[k]) return LCPF_NOT_A_FILE;
     if (u32(b + 8) != 1u || u32(b + 12) != HEADER) return LCPF_NOT_A_FILE;
     if (u64(b + 16) != size || crc32(b, HEADER - 4) != u32(b + HEADER - 4)) return LCPF_DAMAGED;
     f->bytes = b, f->size = size;
@@ -100,11 +80,13 @@ int lcpf_open(lcpf_file *f, const uint8_t *b, size_t size) {
     f->elevations = u16(b + 44), f->azimuths = u16(b + 46), f->frame = u16(b + 48), f->albedo = u16(b + 50);
     f->min_detection = f32(b + 64), f->probability_step = f32(b + 68);
     f->sigma_log_least = f64(b + 72), f->sigma_log_step = f64(b + 80);
+    f->triangles = u16(b + 132), f->albedo_sigma = f32(b + 136), f->slope_sigma = f32(b + 140);
     if (f->nodes < 3 || f->nodes % 2 == 0 || f->albedo > 1 || f->frame > 1) return LCPF_DAMAGED;
     if (!f->scales || !f->suns || !f->views || !f->elevations || !f->azimuths) return LCPF_DAMAGED;
     if (f->nodes > LCPF_NODES) return LCPF_TOO_LARGE;
     uint64_t suns = (uint64_t)f->elevations * f->azimuths;
-    uint64_t tables = 4u * ((uint64_t)f->elevations + f->azimuths + 3u * f->views + f->scales) + 2u * suns;
+    uint64_t floats = 4u * ((uint64_t)f->elevations + f->azimuths + 3u * f->views + f->scales);
+    uint64_t tables = floats + 2u * suns + 3u * f->triangles;
     tables += (8u - tables % 8u) % 8u;
     uint64_t stride = claims_at(f) + 4u * (uint64_t)f->scales * f->suns * f->views;
     stride += (4u - stride % 4u) % 4u;
@@ -112,8 +94,10 @@ int lcpf_open(lcpf_file *f, const uint8_t *b, size_t size) {
     if (stride != f->stride || data > size || (size - data) / stride < f->points) return LCPF_DAMAGED;
     if (data + stride * f->points != size) return LCPF_DAMAGED;
     f->tables = HEADER, f->index = (size_t)index, f->data = (size_t)data;
+    f->numbers = HEADER + (size_t)floats, f->views_at = f->numbers + 2u * (size_t)suns;
     if (crc32(b + f->tables, (size_t)tables) != u32(b + 52)) return LCPF_DAMAGED;
     if (crc32(b + f->index, f->data - f->index) != u32(b + 56)) return LCPF_DAMAGED;
+    for (uint32_t k = 0; k < 3 * f->triangles; k++) if (b[f->views_at + k] >= f->views) return LCPF_DAMAGED;
     uint64_t next = 0;
     for (uint32_t t = 0; t < f->tiles; t++) {
         if (u32(tile_at(f, t) + 28) != next) return LCPF_DAMAGED;
@@ -129,8 +113,7 @@ int lcpf_check_tile(const lcpf_file *f, uint32_t tile) {
 }
 
 int lcpf_check(const lcpf_file *f) {
-    for (uint32_t t = 0; t < f->tiles; t++)
-        if (lcpf_check_tile(f, t)) return LCPF_DAMAGED;
+    for (uint32_t t = 0; t < f->tiles; t++) if (lcpf_check_tile(f, t)) return LCPF_DAMAGED;
     return LCPF_OK;
 }
 
@@ -160,7 +143,6 @@ int lcpf_load(const lcpf_file *f, uint32_t number, lcpf_point *point) {
 }
 
 /* ---- the camera */
-
 static int lens(const double k[5], double x, double y, double out[2]) {
     double r2 = x * x + y * y, radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
     for (int i = 1; i <= 16; i++) { /* beyond the fold of the radial polynomial nothing is seen */
@@ -206,93 +188,177 @@ static int may_be_seen(const lcpf_camera *c, double slope, const uint8_t *tile) 
     return v[2] + radius > 0.0 && (!isfinite(slope) || outside < radius);
 }
 
-/* ---- claims */
+/* ---- claims: as catalog/prediction.py has them */
+typedef struct { uint32_t at[6]; double weight[6]; } axis; /* neighbours along an axis of the grid */
 
 static double table(const lcpf_file *f, uint32_t first, uint32_t k) { return f32(f->bytes + f->tables + 4u * (first + k)); }
 
-/* The two values of a rising table around a value, and the share of the second; up to half a step beyond an end that end alone.
- * 0 for a value farther out. */
-static int around(const lcpf_file *f, uint32_t first, uint32_t count, double x, uint32_t found[2], double *share) {
+/* The two values of a rising table around x; up to half a step beyond an end that end alone. 0 for a value farther out. */
+static int around(const lcpf_file *f, uint32_t first, uint32_t count, double x, axis *out) {
     double low = table(f, first, 0), high = table(f, first, count - 1);
     double step = count > 1 ? table(f, first, 1) - low : 10.0, last = count > 1 ? high - table(f, first, count - 2) : 10.0;
     uint32_t k = 0;
     if (!(x >= low - 0.5 * step && x <= high + 0.5 * last)) return 0;
     while (k + 1 < count && table(f, first, k + 1) <= x) k++;
-    found[0] = k, found[1] = k + 1 < count && x > low ? k + 1 : k;
-    *share = found[1] > k ? (x - table(f, first, k)) / (table(f, first, k + 1) - table(f, first, k)) : 0.0;
+    int two = k + 1 < count && x > low;
+    out->at[0] = k, out->at[1] = two ? k + 1 : k;
+    out->weight[1] = two ? (x - table(f, first, k)) / (table(f, first, k + 1) - table(f, first, k)) : 0.0;
+    out->weight[0] = 1.0 - out->weight[1];
     return 1;
 }
 
 /* Likewise for azimuths, of which the first follows the last. */
-static int around_azimuth(const lcpf_file *f, double x, uint32_t found[2], double *share) {
+static int around_azimuth(const lcpf_file *f, double x, axis *out) {
     uint32_t first = f->elevations, count = f->azimuths;
     double low = table(f, first, 0), high = table(f, first, count - 1), widest = 0.0, gap = low + 360.0 - high;
     for (uint32_t k = 1; k < count; k++) widest = fmax(widest, table(f, first, k) - table(f, first, k - 1));
     if (x < low) x += 360.0;
     if (count > 1 && gap <= widest + 1e-3 && x > high) {
-        found[0] = count - 1, found[1] = 0, *share = (x - high) / gap;
+        out->at[0] = count - 1, out->at[1] = 0, out->weight[1] = (x - high) / gap, out->weight[0] = 1.0 - out->weight[1];
         return 1;
     }
-    return around(f, first, count, x, found, share) || around(f, first, count, x - 360.0, found, share);
+    return around(f, first, count, x, out) || around(f, first, count, x - 360.0, out);
 }
 
-static double cosine_deg(double x) { return cos(x * PI / 180.0); }
-static double sine_deg(double x) { return sin(x * PI / 180.0); }
+/* The two scales around pixel over cell, linear in its logarithm; a finer pixel counts as the finest. 0 for a coarser one. */
+static int around_scale(const lcpf_file *f, double x, axis *out) {
+    uint32_t first = f->elevations + f->azimuths + 3 * f->views, k = 0;
+    x = fmax(fmax(x, 1.0), table(f, first, 0));
+    if (!(x <= table(f, first, f->scales - 1) * (1.0 + 1e-7))) return 0;
+    while (k + 2 < f->scales && table(f, first, k + 1) <= x) k++;
+    out->at[0] = k, out->at[1] = f->scales > 1 ? k + 1 : k;
+    out->weight[1] = f->scales > 1 ? log(x / table(f, first, k)) / log(table(f, first, k + 1) / table(f, first, k)) : 0.0;
+    out->weight[0] = 1.0 - out->weight[1];
+    return 1;
+}
 
-/* The nearest view to a direction in the point's axes; views if none is within 20 deg. */
-static uint32_t nearest_view(const lcpf_file *f, const double view[3]) {
-    uint32_t first = f->elevations + f->azimuths, best = f->views;
-    double highest = cosine_deg(20.0);
-    for (uint32_t v = 0; v < f->views; v++) {
-        double off = table(f, first, v), azimuth = table(f, first + f->views, v);
-        double one[3] = {sine_deg(off) * sine_deg(azimuth), sine_deg(off) * cosine_deg(azimuth), cosine_deg(off)};
-        if (dot3(one, view) > highest) highest = dot3(one, view), best = v;
+/* Unit direction of an azimuth and an angle from the vertical, degrees. */
+static void direction(double azimuth, double off, double out[3]) {
+    double a = azimuth * PI / 180.0, b = off * PI / 180.0;
+    out[0] = sin(b) * sin(a), out[1] = sin(b) * cos(a), out[2] = cos(b);
+}
+
+/* Weights of a triangle's corners (3, 2) at its place nearest to p; the distance. */
+static double nearest(double corner[3][2], const double p[2], double weight[3]) {
+    double e[2], g[2], best = HUGE_VAL;
+    for (int k = 0; k < 2; k++) e[k] = corner[1][k] - corner[0][k], g[k] = corner[2][k] - corner[0][k];
+    double area = e[0] * g[1] - e[1] * g[0], x = p[0] - corner[0][0], y = p[1] - corner[0][1];
+    double u = (x * g[1] - y * g[0]) / area, v = (e[0] * y - e[1] * x) / area;
+    if (fabs(area) > 1e-9 && u >= -1e-9 && v >= -1e-9 && u + v <= 1.0 + 1e-9) {
+        weight[0] = fmax(1.0 - u - v, 0.0), weight[1] = fmax(u, 0.0), weight[2] = fmax(v, 0.0);
+        return 0.0;
+    }
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3;
+        double s[2] = {corner[j][0] - corner[i][0], corner[j][1] - corner[i][1]}, length = s[0] * s[0] + s[1] * s[1];
+        double t = (p[0] - corner[i][0]) * s[0] + (p[1] - corner[i][1]) * s[1];
+        t = length > 0.0 ? fmin(fmax(t / length, 0.0), 1.0) : 0.0;
+        double away = hypot(corner[i][0] + t * s[0] - p[0], corner[i][1] + t * s[1] - p[1]);
+        if (!(away < best)) continue;
+        best = away, weight[i] = 1.0 - t, weight[j] = t, weight[3 - i - j] = 0.0;
     }
     return best;
 }
 
-/* The least scale that is not below pixel over cell; scales if there is none. */
-static uint32_t coarser_scale(const lcpf_file *f, double scale) {
-    uint32_t first = f->elevations + f->azimuths + 3 * f->views, s = 0;
-    while (s < f->scales && table(f, first, s) < fmax(scale, 1.0) * (1.0 - 1e-6)) s++;
-    return s;
+/* The triangle of views of a level of altitude that is nearest to a place, or of the level nearest to that if none is within
+ * 20 deg of it; on the way there up to half of the weight is lost. 0 if there is none at all. */
+static int of_level(const lcpf_file *f, const double p[2], int32_t level, double share, uint32_t *at, double *out) {
+    uint32_t first = f->elevations + f->azimuths;
+    int32_t number = -1, off = INT32_MAX;
+    double best = HUGE_VAL, last = NAN;
+    for (uint32_t n = 0; n < f->triangles; n++) {
+        const uint8_t *t = f->bytes + f->views_at + 3u * n;
+        double corner[3][2], weight[3], altitude = table(f, first + 2 * f->views, t[0]);
+        number += !(altitude == last), last = altitude;
+        for (int k = 0; k < 3; k++) {
+            double angle = table(f, first, t[k]), a = table(f, first + f->views, t[k]) * PI / 180.0;
+            corner[k][0] = angle * sin(a), corner[k][1] = angle * cos(a);
+        }
+        double away = nearest(corner, p, weight);
+        int32_t other = number > level ? number - level : level - number;
+        if (!(away <= 20.0) || !(other < off || (other == off && away < best - 1e-9))) continue;
+        best = away, off = other;
+        for (int k = 0; k < 3; k++) at[k] = t[k], out[k] = share * weight[k] * (1.0 - 0.5 * away / 20.0);
+    }
+    return best <= 20.0;
 }
 
-static void claim_of(const lcpf_file *f, const uint8_t *p, const double sun[3], const double view[3], double scale, lcpf_claim *claim) {
-    uint32_t e[2], a[2], v = nearest_view(f, view), s = coarser_scale(f, scale), worst = 0;
-    claim->usable = 0, claim->probability = claim->sigma_major = claim->sigma_minor = claim->angle = NAN;
-    double up = 0.0, on = 0.0, known = 0.0, azimuth = atan2(sun[0], sun[1]) * 180.0 / PI;
-    if (v == f->views || s == f->scales || !(sun[2] > 0.0)) return;
-    if (!around(f, 0, f->elevations, atan2(sun[2], hypot(sun[0], sun[1])) * 180.0 / PI, e, &up)) return;
-    if (!around_azimuth(f, azimuth < 0.0 ? azimuth + 360.0 : azimuth, a, &on)) return;
-    const uint8_t *numbers = f->bytes + f->tables + 4u * (f->elevations + f->azimuths + 3 * f->views + f->scales);
-    uint32_t least = NONE, free = 1;
-    for (int k = 0; k < 4; k++) {
-        double share = (k / 2 ? up : 1.0 - up) * (k % 2 ? on : 1.0 - on);
-        uint32_t number = u16(numbers + 2u * (e[k / 2] * f->azimuths + a[k % 2]));
-        if (!(share > 1e-9) || number >= f->suns) continue; /* a Sun that never occurs, or was left out */
-        const uint8_t *c = p + claims_at(f) + 4u * ((s * f->suns + number) * f->views + v);
-        if (c[0] == NONE || c[1] == NONE || c[2] == NONE) continue;
-        if (c[3] >= DEPENDENT) free = 0;
-        if (least == NONE || c[1] > (worst & 255u)) worst = c[1] | (uint32_t)c[2] << 8 | (uint32_t)c[3] << 16;
-        if (c[0] < least) least = c[0];
-        known += share;
+/* The views around a direction in the azimuthal equidistant plane, linear in 1 / altitude between two levels. */
+static int around_view(const lcpf_file *f, const double view[3], double altitude, axis *out) {
+    double off = atan2(hypot(view[0], view[1]), view[2]) * 180.0 / PI, turn = atan2(view[0], view[1]), share = 0.0, low = 0.0;
+    double p[2] = {off * sin(turn), off * cos(turn)}, last = NAN;
+    int32_t number = -1, level[2] = {0, 0};
+    for (uint32_t n = 0; n < f->triangles; n++) { /* levels stand in the file from the highest to the lowest */
+        double one = 1.0 / table(f, f->elevations + f->azimuths + 2 * f->views, f->bytes[f->views_at + 3u * n]);
+        if (one == last) continue;
+        last = one, number++;
+        if (number == 0 || one <= 1.0 / altitude) level[0] = level[1] = number, low = one;
+        else if (level[1] == level[0]) level[1] = number, share = fmax((1.0 / altitude - low) / (one - low), 0.0);
     }
-    if (!(known >= 0.5)) return;
-    claim->probability = f->probability_step * least;
-    claim->sigma_major = exp(f->sigma_log_least + f->sigma_log_step * (worst & 255u));
-    claim->sigma_minor = exp(f->sigma_log_least + f->sigma_log_step * (worst >> 8 & 255u));
-    claim->angle = (worst >> 16) % DEPENDENT * (180.0 / 128.0);
-    claim->usable = free && claim->probability >= f->min_detection - 0.5 * f->probability_step;
+    if (level[1] == level[0]) share = 0.0;
+    return off < 90.0 && of_level(f, p, level[0], 1.0 - share, out->at, out->weight) && of_level(f, p, level[1], share, out->at + 3, out->weight + 3);
+}
+
+/* Logarithm of how clearly relief shows under a Sun and a view (landmarks/relief_signal.py). */
+static double signal(const lcpf_file *f, const double sun[3], const double view[3]) {
+    double mu0 = fmax(sun[2], 0.02), mu = fmax(view[2], 0.02), g[2];
+    for (int k = 0; k < 2; k++) g[k] = (sun[k] + view[k]) / (mu0 + mu) - sun[k] / mu0;
+    double slopes = fmax(hypot(g[0], g[1]), 0.03);
+    return f->albedo_sigma > 0.0 ? log(slopes / hypot(f->albedo_sigma, f->slope_sigma * slopes)) : 0.0;
+}
+
+/* Height of a peak, in sigmas, that a probability stands for; the inverse. */
+static double peak_height(double probability) {
+    double low = -9.0, high = 9.0;
+    for (int k = 0; k < 40; k++) {
+        double x = 0.5 * (low + high);
+        if (0.5 * erfc(-x * sqrt(0.5)) < probability) low = x; else high = x;
+    }
+    return 0.3 * log(1.0 + exp((2.2 + 1.1 * low) / 0.3));
+}
+
+static double probability_at(double height) {
+    double bent = height / 0.3;
+    return 0.5 * erfc(-(0.3 * (bent + log(-expm1(-bent))) - 2.2) / 1.1 * sqrt(0.5));
+}
+
+static void claim_of(const lcpf_file *f, const uint8_t *p, const double sun[3], const double view[3], double scale, double altitude, lcpf_claim *claim) {
+    axis s, v, e, a;
+    double up = atan2(sun[2], hypot(sun[0], sun[1])) * 180.0 / PI, turn = atan2(sun[0], sun[1]) * 180.0 / PI;
+    double whole = 0.0, known = 0.0, square = 0.0, clear = 0.0, height = 0.0, size = 0.0, cosine = 0.0, sine = 0.0;
+    claim->usable = 0, claim->probability = claim->sigma_major = claim->sigma_minor = claim->angle = NAN;
+    if (!(sun[2] > 0.0) || !around_scale(f, scale, &s) || !around_view(f, view, altitude, &v)) return;
+    if (!around(f, 0, f->elevations, up, &e) || !around_azimuth(f, turn < 0.0 ? turn + 360.0 : turn, &a)) return;
+    for (int k = 0; k < 48; k++) {
+        int is = k / 24, iv = k / 4 % 6, ie = k / 2 % 2, ia = k % 2;
+        double w = s.weight[is] * v.weight[iv] * e.weight[ie] * a.weight[ia], one[3], other[3];
+        uint32_t n = u16(f->bytes + f->numbers + 2u * (e.at[ie] * f->azimuths + a.at[ia])), at_view = f->elevations + f->azimuths;
+        whole += w;
+        if (!(w > 1e-9) || n >= f->suns) continue; /* a Sun that never occurs, or was left out */
+        const uint8_t *c = p + claims_at(f) + 4u * ((s.at[is] * f->suns + n) * f->views + v.at[iv]);
+        if (c[0] == NONE || c[1] == NONE || c[2] == NONE) continue;
+        direction(table(f, f->elevations, a.at[ia]), 90.0 - table(f, 0, e.at[ie]), one);
+        direction(table(f, at_view + f->views, v.at[iv]), table(f, at_view, v.at[iv]), other);
+        double gain = signal(f, sun, view) - signal(f, one, other), q = f->probability_step, angle = c[3] % DEPENDENT * PI / 64.0;
+        double la = f->sigma_log_least + f->sigma_log_step * c[1] - gain, lb = f->sigma_log_least + f->sigma_log_step * c[2] - gain;
+        height += w * exp(gain) * peak_height(fmin(fmax(q * c[0], 0.5 * q), 1.0 - 0.5 * q));
+        known += w, square += w * w, clear += c[3] < DEPENDENT ? w : 0.0;
+        size += 0.5 * w * (la + lb), cosine += 0.5 * w * (la - lb) * cos(angle), sine += 0.5 * w * (la - lb) * sin(angle);
+    }
+    if (!(known >= 0.5 * whole && known > 0.0)) return;
+    double found = fmin(fmax(probability_at(height / known), 0.5 * f->probability_step), 1.0 - 0.5 * f->probability_step);
+    double gap = hypot(cosine, sine) / known, logit = log(found / (1.0 - found)) - 0.5 * (1.0 - square) - 1.5 * (1.0 - known);
+    claim->probability = found, claim->sigma_major = exp(size / known + gap), claim->sigma_minor = exp(size / known - gap);
+    claim->angle = fmod(atan2(sine, cosine) * 90.0 / PI + 180.0, 180.0);
+    if (up < table(f, 0, 0) - 1e-5 || up > table(f, 0, f->elevations - 1) + 1e-5 || clear < 0.7 * known - 1e-9) return;
+    claim->usable = 1.0 / (1.0 + exp(-logit)) >= f->min_detection - 0.5 * f->probability_step;
 }
 
 static int good_camera(const lcpf_camera *c) {
-    const double *numbers[4] = {c->position, c->rotation, c->rotation + 3, c->rotation + 6};
-    for (int k = 0; k < 4; k++)
-        if (!finite3(numbers[k])) return 0;
-    if (!finite3(c->sun) || !finite3(c->distortion) || !isfinite(c->distortion[3]) || !isfinite(c->distortion[4])) return 0;
-    return isfinite(c->focal) && c->focal > 0.0 && isfinite(c->principal[0]) && isfinite(c->principal[1]) && c->width > 0 &&
-           c->height > 0;
+    double n[20]; /* position to distortion */
+    memcpy(n, c, sizeof n);
+    for (int k = 0; k < 20; k++) if (!isfinite(n[k])) return 0;
+    return c->focal > 0.0 && c->width > 0 && c->height > 0 && finite3(c->sun);
 }
 
 /* A point in view: its pixel and its claim; 0 if it is not in the image, or on the far side. */
@@ -309,7 +375,8 @@ static int in_view(const lcpf_file *f, const lcpf_camera *c, uint32_t number, lc
     turned(rotation, to_sun, sun), turned(rotation, away, view);
     double depth = -dot3(c->rotation + 6, away); /* cosine of the angle to the axis: a pixel shrinks with its 3/2 power */
     claim->point = number, claim->pixel_size = range * depth * sqrt(depth) / c->focal;
-    claim_of(f, p, sun, view, claim->pixel_size / f32(p + 68), claim);
+    double altitude = 1e-3 * (sqrt(dot3(c->position, c->position)) - sqrt(dot3(position, position)));
+    claim_of(f, p, sun, view, claim->pixel_size / f32(p + 68), altitude, claim);
     return 1;
 }
 
@@ -324,24 +391,19 @@ int lcpf_in_view(const lcpf_file *f, const lcpf_camera *c, lcpf_claim *claims, u
         for (uint32_t k = first; k < end; k++) {
             lcpf_claim one;
             if (!in_view(f, c, k, &one)) continue;
-            uint32_t place = *count;
-            if (place == most) { /* in place of the least probable, if that is less probable */
-                place = 0;
-                for (uint32_t i = 1; i < most; i++)
-                    if (!(claims[i].probability >= claims[place].probability)) place = i;
-                if (!(one.probability > claims[place].probability) && !(isnan(claims[place].probability) && !isnan(one.probability)))
-                    continue;
-            } else {
-                *count += 1;
+            if (*count < most) {
+                claims[(*count)++] = one;
+                continue;
             }
-            claims[place] = one;
+            uint32_t least = 0;
+            for (uint32_t i = 1; i < most; i++) if (!(claims[i].probability >= claims[least].probability)) least = i;
+            if (!(claims[least].probability >= one.probability) && !isnan(one.probability)) claims[least] = one;
         }
     }
     return LCPF_OK;
 }
 
 /* ---- light on a patch */
-
 /* Factors of mu0 / (mu0 + mu) and of mu0 at a cosine of the phase. Lunar-Lambert: McEwen 1996, Yokota et al. 2011. */
 static void phase_terms(const lcpf_law *law, double cosine, double out[2]) {
     const double *n = law->number;
@@ -356,14 +418,10 @@ static void phase_terms(const lcpf_law *law, double cosine, double out[2]) {
     out[0] = 2.0 * share * f, out[1] = (1.0 - share) * f;
 }
 
-static void weights_of_corners(double f, double g, double w[4]) {
-    w[0] = (1.0 - f) * (1.0 - g), w[1] = f * (1.0 - g), w[2] = (1.0 - f) * g, w[3] = f * g;
-}
-
 /* Radiance factors of the nodes without cast shadows; corner (4, 3): directions to the camera from the corners nw, ne, sw, se. */
 static void shade(const lcpf_point *point, const double sun[3], double corner[4][3], const lcpf_law *law, float *light) {
     int32_t p = point->nodes;
-    double terms[4][2], w[4];
+    double terms[4][2];
     for (int c = 0; c < 4; c++) phase_terms(law, fmin(1.0, fmax(-1.0, dot3(sun, corner[c]))), terms[c]);
     for (int32_t i = 0; i < p; i++) {
         int32_t up = i > 0 ? i - 1 : i, down = i < p - 1 ? i + 1 : i;
@@ -377,7 +435,7 @@ static void shade(const lcpf_point *point, const double sun[3], double corner[4]
             double length = sqrt(dot3(normal, normal)), mu0 = dot3(normal, sun) / length;
             light[i * p + j] = 0.0f;
             if (!(mu0 > 0.0)) continue;
-            weights_of_corners((double)j / (p - 1), (double)i / (p - 1), w);
+            double f = (double)j / (p - 1), g = (double)i / (p - 1), w[4] = {(1.0 - f) * (1.0 - g), f * (1.0 - g), (1.0 - f) * g, f * g};
             for (int c = 0; c < 4; c++) {
                 for (int k = 0; k < 3; k++) view[k] += w[c] * corner[c][k];
                 t0 += w[c] * terms[c][0], t1 += w[c] * terms[c][1];
@@ -428,8 +486,7 @@ static void clearances(const lcpf_point *point, const double sun[3], float *clea
     }
     int level = sun[2] * point->gsd >= sqrt(steepest) * flat || flat == 0.0;
     double d[3] = {sun[0] / largest, -sun[1] / largest, sun[2] * point->gsd / largest};
-    for (int k = 0; k < 2; k++)
-        if (!(fabs(d[k]) > 1e-12)) d[k] = 0.0;
+    for (int k = 0; k < 2; k++) if (!(fabs(d[k]) > 1e-12)) d[k] = 0.0;
     for (int32_t i = 0; i < p; i++)
         for (int32_t j = 0; j < p; j++) {
             double least = sun[2] > 0.0 ? 1.0 : -1.0;
@@ -446,7 +503,6 @@ static void clearances(const lcpf_point *point, const double sun[3], float *clea
 }
 
 /* ---- drawing */
-
 /* Draw a triangle of nodes n where it is the nearest so far: `known` holds depths meanwhile. Seen from below it is NaN. */
 static void triangle(lcpf_work *work, const int32_t n[3]) {
     lcpf_template *t = &work->shown;
@@ -587,10 +643,7 @@ int lcpf_render(const lcpf_point *point, const lcpf_camera *camera, const lcpf_l
     t->count = t->rows = t->cols = 0;
     if (!good_camera(camera) || !(sigma >= 0.0 && sigma <= 1.0) || p < 3 || p > LCPF_NODES) return LCPF_ARGUMENT;
     int code = place(point, camera, corner, work);
-    if (code) {
-        t->rows = t->cols = 0;
-        return code;
-    }
+    if (code) return t->rows = t->cols = 0, code;
     t->sigma = sigma;
     towards(point->position, camera->sun, away);
     turned(point->rotation, away, sun);
@@ -630,7 +683,6 @@ int lcpf_render(const lcpf_point *point, const lcpf_camera *camera, const lcpf_l
 }
 
 /* ---- search */
-
 void lcpf_half(const float *fine, int32_t rows, int32_t cols, float *half) {
     for (int32_t r = 0; r < rows / 2; r++)
         for (int32_t c = 0; c < cols / 2; c++) {
@@ -645,20 +697,15 @@ typedef struct { /* a template of unit length and zero mean, 0 outside its mask,
     int32_t rows, cols, count, high, wide;
 } sought;
 
-typedef struct {
-    int32_t row, col;
-    double height;
-} peak;
+typedef struct { int32_t row, col; double height; } peak;
 
 /* Centre and scale the values under a mask in place; the number of its pixels, 0 if they are flat. */
 static int32_t centred(float *value, const uint8_t *mask, int32_t pixels) {
     double total = 0.0, power = 0.0;
     int32_t count = 0;
-    for (int32_t k = 0; k < pixels; k++)
-        if (mask[k]) total += value[k], count++;
+    for (int32_t k = 0; k < pixels; k++) if (mask[k]) total += value[k], count++;
     double mean = total / (count ? count : 1);
-    for (int32_t k = 0; k < pixels; k++)
-        if (mask[k]) power += (value[k] - mean) * (value[k] - mean);
+    for (int32_t k = 0; k < pixels; k++) if (mask[k]) power += (value[k] - mean) * (value[k] - mean);
     if (!(power > 1e-14 * mean * mean * count)) return 0;
     for (int32_t k = 0; k < pixels; k++) value[k] = mask[k] ? (float)((value[k] - mean) / sqrt(power)) : 0.0f;
     return count;
@@ -669,8 +716,7 @@ static double correlate(const sought *t, int32_t row, int32_t col, int32_t ny, i
     float *score = work->u.search.score, *region = work->u.search.region, *real = work->u.search.real;
     double *one = work->u.search.one, *two = work->u.search.two, mean = 0.0, power = 0.0, best = 0.0;
     int32_t high = ny + t->rows - 1, wide = nx + t->cols - 1, band = LCPF_ROWS - t->rows + 1, step = wide + 1;
-    for (int32_t r = 0; r < high; r++)
-        for (int32_t c = 0; c < wide; c++) mean += t->image[(size_t)(row + r) * t->wide + col + c];
+    for (int32_t r = 0; r < high; r++) for (int32_t c = 0; c < wide; c++) mean += t->image[(size_t)(row + r) * t->wide + col + c];
     mean /= (double)high * wide;
     for (int32_t r = 0; r < high; r++)
         for (int32_t c = 0; c < wide; c++) {
@@ -696,8 +742,7 @@ static double correlate(const sought *t, int32_t row, int32_t col, int32_t ny, i
             double first[2 * LCPF_REACH + 1] = {0}, second[2 * LCPF_REACH + 1] = {0}, known[2 * LCPF_REACH + 1] = {0};
             for (int32_t i = 0; i < t->rows; i++) {
                 const float *x = region + (y + i) * wide, *v = t->value + i * t->cols;
-                for (int32_t j = 0; j < t->cols; j++)
-                    for (int32_t k = 0; k < nx; k++) sum[k] += v[j] * x[j + k];
+                for (int32_t j = 0; j < t->cols; j++) for (int32_t k = 0; k < nx; k++) sum[k] += v[j] * x[j + k];
                 const uint8_t *mask = t->mask + i * t->cols;
                 for (int32_t j = 0, end = 0; j < t->cols; j = end + 1) {
                     for (end = j; end < t->cols && mask[end]; end++) {
@@ -856,8 +901,7 @@ int lcpf_search(const lcpf_image *image, const int32_t offset[2], int32_t reach,
     int count = peaks(&t, coarse ? &small : NULL, row, col, limit, reach, work, found, &real), best = 0;
     if ((limit[1] - limit[0] + 1.0) * (limit[3] - limit[2] + 1.0) < 0.3 * side * side || real < REAL) return LCPF_AT_THE_EDGE;
     if (count == 0) return LCPF_NO_PEAK;
-    for (int k = 1; k < count; k++)
-        if (found[k].height > found[best].height) best = k;
+    for (int k = 1; k < count; k++) if (found[k].height > found[best].height) best = k;
     for (int k = 0; k < count; k++) {
         double away = hypot(found[k].row - found[best].row, found[k].col - found[best].col);
         if (away > exclusion && found[k].height > -1.0 && !(match->second >= found[k].height)) match->second = found[k].height;
@@ -868,7 +912,6 @@ int lcpf_search(const lcpf_image *image, const int32_t offset[2], int32_t reach,
 }
 
 /* ---- fit */
-
 /* Solution of [[a, b, c], [b, d, e], [c, e, f]] x = r; NaN when singular. */
 static void solve3(const double m[6], const double r[3], double x[3]) {
     double a = m[0], b = m[1], c = m[2], d = m[3], e = m[4], f = m[5];

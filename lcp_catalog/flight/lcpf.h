@@ -13,18 +13,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Limits of the compilation; a larger value costs static memory. */
+/* Limits of the compilation; a larger value costs static memory. State all four, or none. */
 #ifndef LCPF_NODES
-#define LCPF_NODES 33 /* nodes along a patch's side */
-#endif
-#ifndef LCPF_SIDE
-#define LCPF_SIDE 64 /* pixels along a template's side */
-#endif
-#ifndef LCPF_SAMPLES
+#define LCPF_NODES 33    /* nodes along a patch's side */
+#define LCPF_SIDE 64     /* pixels along a template's side */
 #define LCPF_SAMPLES 192 /* samples along a drawing's side: three a pixel, up to eight where a node is below one */
-#endif
-#ifndef LCPF_REACH
-#define LCPF_REACH 64 /* reach of a search, pixels */
+#define LCPF_REACH 64    /* reach of a search, pixels */
 #endif
 #define LCPF_ROWS 64  /* rows of an image whose sums are held at once; at least LCPF_SIDE */
 #define LCPF_TAPS 96  /* samples under a point spread */
@@ -48,10 +42,10 @@ enum {
 
 typedef struct {
     const uint8_t *bytes;
-    size_t size, tables, index, data, stride; /* offsets of the parts, bytes of a point */
+    size_t size, tables, numbers, views_at, index, data, stride; /* offsets of the parts, bytes of a point */
     uint32_t points, tiles;
-    uint32_t nodes, scales, suns, views, elevations, azimuths, frame, albedo;
-    double min_detection, probability_step, sigma_log_least, sigma_log_step;
+    uint32_t nodes, scales, suns, views, elevations, azimuths, frame, albedo, triangles;
+    double min_detection, probability_step, sigma_log_least, sigma_log_step, albedo_sigma, slope_sigma;
 } lcpf_file;
 
 typedef struct {
@@ -150,9 +144,7 @@ int lcpf_load(const lcpf_file *file, uint32_t number, lcpf_point *point);
 int lcpf_project(const lcpf_camera *camera, const double position[3], double pixel[2]);
 
 /* The points in view of a camera with their claims; of more than `most`, those with the highest probability. Tiles outside
- * the image are skipped, the others checked first. A claim is the least probability and the largest ellipse among the
- * Suns of the grid around the Sun, of the nearest view (20 deg at most) and of the next coarser image scale; none if less than
- * half of the bilinear weight is that of Suns with a claim. */
+ * the image are skipped, the others checked first. Claims are interpolated between Suns, views and image scales. */
 int lcpf_in_view(const lcpf_file *file, const lcpf_camera *camera, lcpf_claim *claims, uint32_t most, uint32_t *count);
 
 /* Render a point's patch into work->shown; sigma: Gaussian point spread, pixels (0 to 1). */

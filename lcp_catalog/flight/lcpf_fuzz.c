@@ -38,7 +38,7 @@ static void put32(uint8_t *p, uint32_t value) {
 static void sign(uint8_t *b, size_t size) {
     if (size < HEADER) return;
     put32(b + 16, (uint32_t)size), put32(b + 20, 0);
-    size_t e = u16(b + 44), a = u16(b + 46), tables = 4u * (e + a + 3u * u16(b + 42) + u16(b + 38)) + 2u * e * a;
+    size_t e = u16(b + 44), a = u16(b + 46), tables = 4u * (e + a + 3u * u16(b + 42) + u16(b + 38)) + 2u * e * a + 3u * u16(b + 132);
     tables += (8u - tables % 8u) % 8u;
     size_t index = HEADER + tables, tiles = u32(b + 28), data = index + TILE * tiles;
     if (data <= size) {

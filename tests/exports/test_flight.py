@@ -14,6 +14,7 @@ from helpers import catalogs
 from lcp_cli.main import run
 
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.prediction import view_plane
 from lcp_catalog.catalog.schema import usable
 from lcp_catalog.errors import AreaError, CatalogError, ConfigError
 from lcp_catalog.exports.export import export
@@ -61,6 +62,9 @@ def read(path: Path) -> dict[str, Any]:
         place += 4 * count
     out["number"] = row("H", place, e * a).reshape(e, a)
     place += 2 * e * a
+    out["triangles"] = row("B", place, 3 * at("H", 132)).reshape(-1, 3)
+    out["errors"] = row("f", 136, 2)
+    place += 3 * at("H", 132)
     place += -(place - 192) % 8
     assert at("I", 52) == zlib.crc32(b[192:place])
     assert at("I", 56) == zlib.crc32(b[place : place + 40 * tiles])
@@ -105,6 +109,9 @@ def test_it_says_what_the_catalogue_says(catalog: Catalog, site: Path) -> None:
     np.testing.assert_allclose(found["altitude"], catalog.view_altitude)
     known = (catalog.condition & 1).any(axis=(0, 1)) > 0
     np.testing.assert_array_equal(where != 65535, known)
+    views = view_plane(catalog.view_off_nadir, catalog.view_azimuth)[found["triangles"]]
+    assert views.shape == (2, 3, 2)  # one view straight down, a segment to two at 100 km
+    np.testing.assert_allclose(found["errors"], [0.05, 20.0 / 600.0])
     works = usable(catalog.condition)
     worst = 0.0
     for k, point_id in enumerate(catalog.point_id.tolist()):
@@ -189,7 +196,7 @@ def test_some_conditions(catalog: Catalog, site: Path, tmp_path: Path) -> None:
 def test_a_point_takes_no_more_than_promised(scales: int, albedo: int, most: int) -> None:
     """33 x 33 nodes, 5 views, 38 Suns of 8 x 24; 150 points in 4 tiles."""
     sizes = {"nodes": 33, "albedo": albedo, "scales": scales, "suns": 38, "views": 5}
-    sizes |= {"elevations": 8, "azimuths": 24}
+    sizes |= {"elevations": 8, "azimuths": 24, "triangles": 4}
     whole = 192 + tables_type(sizes).itemsize + 4 * 40 + COUNT * point_type(sizes).itemsize
     assert whole / COUNT <= most
 
