@@ -103,13 +103,13 @@ def finished_area(result: AreaResult, config: BuildConfig) -> FinishedArea:
 def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     """The table (n,) of candidates, of type `TABLE`, without checksums."""
     evaluation, least = candidates.evaluation, config.points.min_usable_conditions
-    worth, counted = _worth(evaluation, config), _counted(evaluation, config)
+    worth, these = _worth(evaluation, config), counted(evaluation, config)
     table = np.zeros(len(candidates), TABLE)
     table["lon_deg"], table["lat_deg"] = candidates.lon_deg, candidates.lat_deg
-    table["quality"] = _quality(evaluation, counted)
+    table["quality"] = _quality(evaluation, these)
     table["usable"] = np.where(worth >= least, worth, 0)
     table["stage"] = _stages(evaluation, worth >= least)
-    table["information"] = np.nan_to_num(_over(_information(evaluation), counted, np.nanmean))
+    table["information"] = np.nan_to_num(_over(_information(evaluation), these, np.nanmean))
     return table
 
 
@@ -124,7 +124,7 @@ def _worth(evaluation: Evaluation, config: BuildConfig) -> Index:
     return np.asarray(-(-units.sum(axis=(1, 2, 3)) // len(least)))
 
 
-def _counted(evaluation: Evaluation, config: BuildConfig) -> Mask:
+def counted(evaluation: Evaluation, config: BuildConfig) -> Mask:
     """The conditions over which a candidate's figures are taken, (n, v, e, a): the usable ones; of a candidate
     without any, those in which it is worth something.
     """
@@ -157,9 +157,9 @@ def checksums(records: AnyArray) -> NDArray[np.uint32]:
     return np.array([zlib.crc32(content[k : k + each]) for k in starts], np.uint32)
 
 
-def _quality(evaluation: Evaluation, counted: Mask) -> Array:
+def _quality(evaluation: Evaluation, these: Mask) -> Array:
     """Order of candidates with equally many usable conditions: minus the largest sigma."""
-    largest = _over(evaluation.sigma_major_m[:, 0], counted, np.nanmax)
+    largest = _over(evaluation.sigma_major_m[:, 0], these, np.nanmax)
     return -np.nan_to_num(largest, nan=np.inf, posinf=1e30)
 
 
@@ -186,9 +186,9 @@ def _stages(evaluation: Evaluation, enough: NDArray[np.bool_]) -> Index:
 
 def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, Any]:
     evaluation, gsd_m = candidates.evaluation, config.gsd_m
-    counted = _counted(evaluation, config)
+    these = counted(evaluation, config)
     axes = [
-        _over(sigma[:, 0], counted, np.nanmax)
+        _over(sigma[:, 0], these, np.nanmax)
         for sigma in (evaluation.sigma_major_m, evaluation.sigma_minor_m)
     ]
     scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
@@ -199,7 +199,7 @@ def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, An
         "elevation": candidates.elevation_m,
         "dem": candidates.patch_m,
         "condition": evaluation.condition,
-        "harris_response": _over(evaluation.harris, counted, np.nanmedian),
+        "harris_response": _over(evaluation.harris, these, np.nanmedian),
         "localization_sigma": np.stack(axes, axis=-1),
         "gsd_min": finest * gsd_m,
         "gsd_max": coarsest * gsd_m,
@@ -212,7 +212,7 @@ def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, An
         "shadow_dependence": evaluation.shadow_dependence,
         "occlusion_dependence": evaluation.occlusion_dependence,
     }
-    return columns | {name: _over(values, counted, np.nanmax) for name, values in worst.items()}
+    return columns | {name: _over(values, these, np.nanmax) for name, values in worst.items()}
 
 
 def _claims(evaluation: Evaluation, gsd_m: float) -> dict[str, AnyArray]:
@@ -227,10 +227,10 @@ def _claims(evaluation: Evaluation, gsd_m: float) -> dict[str, AnyArray]:
     return {name: packing(name, step_m).packed(values) for name, values in claims.items()}
 
 
-def _over(values: NDArray[Any], counted: Mask, how: Callable[..., Any]) -> Array:
+def _over(values: NDArray[Any], these: Mask, how: Callable[..., Any]) -> Array:
     """A statistic of each candidate over the conditions that count (n, v, e, a); NaN if it has none."""
     shape = (len(values), int(np.prod(values.shape[1:])))
-    masked = np.where(counted, values, np.nan).reshape(shape)
+    masked = np.where(these, values, np.nan).reshape(shape)
     some = ~np.isnan(masked).all(axis=1)
     out = np.full(len(values), np.nan)
     if some.any():

@@ -83,7 +83,7 @@ def _changed(path: Path) -> AreaFailedError:
 
 log = logging.getLogger(__name__)
 
-_FINEST = 16.0
+_FINEST = 32.0
 """Most cells along a pixel of the DEM."""
 
 _ERROR_PLACES = 33

@@ -13,7 +13,7 @@ from ..landmarks.selection import Places, nearest, stable_id
 from ..production.area_job import Candidates
 from ..production.assembly import choose, spacing_m
 from ..production.config import BuildConfig
-from ..production.finished_area import table_of
+from ..production.finished_area import counted, table_of
 
 DETECTION_CHANGE = 0.05
 """Change of a detection probability from which it is counted."""
@@ -74,8 +74,8 @@ def compare_points(reference: Candidates, tier: Candidates, config: BuildConfig)
     )
     _, here, there = np.intersect1d(ids["ours"], ids["exact"], return_indices=True)
     both = np.isin(here, ours) & np.isin(there, exact)
-    before = _sigma_m(reference, there[both])
-    change = _sigma_m(tier, here[both]) - before
+    before = _sigma_m(reference, config)[there[both]]
+    change = _sigma_m(tier, config)[here[both]] - before
     claimed = _detection_changes(reference, there, tier, here)
     return PointChanges(
         points=len(ours),
@@ -96,14 +96,12 @@ def _ids(candidates: Candidates) -> NDArray[np.int64]:
     return stable_id(candidates.lon_deg, candidates.lat_deg)
 
 
-def _sigma_m(candidates: Candidates, rows: NDArray[np.int64]) -> AnyArray:
-    """Largest major axis over usable conditions, as in the catalogue; every row has a usable
-    condition.
-    """
+def _sigma_m(candidates: Candidates, config: BuildConfig) -> AnyArray:
+    """Largest major axis over the conditions that count, as in the catalogue; -inf without any."""
     evaluation = candidates.evaluation
-    works = usable(evaluation.condition[rows])
-    sigma_m = np.where(works, evaluation.sigma_major_m[rows, 0], -np.inf)
-    return np.asarray(sigma_m.max(axis=(1, 2, 3)))
+    works = counted(evaluation, config)
+    sigma_m = np.where(works, evaluation.sigma_major_m[:, 0], -np.inf)
+    return np.asarray(sigma_m.max(axis=(1, 2, 3), initial=-np.inf))
 
 
 def _detection_changes(

@@ -135,7 +135,7 @@ def test_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "longitude 10 .. 10.125, latitude 19.9062 .. 20" in out
     assert "latitudes 0 .. 60 north and south" in out
     file, ground, table = out.split("\n\n")
-    assert file.splitlines()[-1].split() == ["at", "50", "0", "no", "data"]
+    assert file.splitlines()[-1].split() == ["at", "50", "0", "outside", "the", "file"]
     share = (
         math.radians(0.125)
         / (4 * math.pi)

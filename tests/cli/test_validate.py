@@ -239,7 +239,7 @@ def test_a_single_image_that_cannot_be_opened_ends_it(place, tmp_path, capsys) -
     for flags, says in (
         ([], "missing geometry"),
         (["--camera", str(tmp_path / "other.json")], "640 x 480"),
-        (["--camera", str(DEM)], "not JSON"),
+        (["--camera", str(DEM)], "is a TIFF image, such as a DEM, not a camera file"),
     ):
         files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
         assert run(["validate", *files, *flags]) == 1

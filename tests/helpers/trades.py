@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.catalog.schema import USABLE
 from lcp_catalog.production import sweep
 from lcp_catalog.production.config import (
     AreaConfig,
@@ -84,6 +85,7 @@ def candidates(places: list[tuple[float, float]], states: list[list[int]]) -> li
     if count:
         evaluation.condition[:, 0, :, 0] = states
         evaluation.sigma_major_m[:] = 10.0
+        evaluation.detection[:] = np.where(evaluation.condition == USABLE, 1.0, 0.0)[:, None]
     lon, lat = (np.array([p[k] for p in places], dtype=np.float64) for k in (0, 1))
     patch = np.zeros((count, 3, 3), np.float32)
     return [lon, lat, np.zeros(count), patch, np.zeros(count, np.int16), evaluation]
