@@ -102,7 +102,7 @@ class CameraInfo:
         if centre:
             found.append(
                 f"middle     {_at(centre)}, pixels of {centre['pixel_m']:.4g} m; up in the image is towards azimuth "
-                f"{centre['up_azimuth_deg']:.0f} deg"
+                f"{round(centre['up_azimuth_deg']) % 360} deg"
             )
         if sun:
             side = f", from the image's {sun['from_image_side']}" if centre else ""

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from helpers import catalogs, navigable, posed
+from helpers import catalogs, navigable, posed, scan_files
 
 import lcp_catalog as lcp
 from lcp_catalog.cameras.frame_camera import Camera
@@ -113,6 +114,20 @@ def test_a_camera_below_the_sphere_sees_what_terrain_says() -> None:
     assert found["problems"] == []
     (problem,) = lcp.camera_info(above(-300e3)).problems
     assert "300.0 km below the reference sphere" in problem
+
+
+@pytest.mark.parametrize("kind", ["LINE_SCANNER", "PUSH_FRAME"])
+def test_a_scanner_is_described(kind: str, tmp_path: Path) -> None:
+    """80 pixels of 100 m from 50 km: 2 atan(0.08)."""
+    info = lcp.camera_info(scan_files.scan(tmp_path / "scan.json", kind))
+    position, centre = info.document["position"], info.document["centre"]
+    assert position["height_km"] == pytest.approx(50.0, abs=0.01)
+    wide = position["field_of_view_deg"][0]
+    assert wide == pytest.approx(2.0 * math.degrees(math.atan(0.08)), rel=1e-3)
+    assert centre["pixel_m"] == pytest.approx(100.0, rel=1e-3)
+    assert "azimuth 0 deg" in " ".join(info.lines())
+    assert info.problems == []
+    ElementTree.fromstring(info.picture())
 
 
 def test_the_picture_has_the_image_and_the_points() -> None:
