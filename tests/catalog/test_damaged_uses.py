@@ -20,7 +20,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def sound(whole: Path) -> dict[str, Any]:
-    return {use: catalog_uses.outcome(use, whole, whole.parent) for use in catalog_uses.USES}
+    return catalog_uses.sound_outcomes(whole)
 
 
 def test_the_whole_file_is_taken_by_every_use(sound: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import functools
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from lcp_catalog.navigation.documents import document
 from . import catalogs, damaged_catalogs, merges
 
 SUN = (90.0, 20.0)
+DAMAGED = "damaged.h5"
 
 
 def camera() -> Camera:
@@ -124,13 +125,19 @@ def written(folder: Path) -> Path:
     return path
 
 
+def sound_outcomes(whole: Path, uses: Iterable[str] = USES) -> dict[str, Any]:
+    """Outcomes of uses of a whole file, under the name of the damaged ones, which merges and pages hold."""
+    copy = Path(shutil.copy(whole, whole.with_name(DAMAGED)))
+    return {use: outcome(use, copy, whole.parent) for use in uses}
+
+
 def damaged(
     whole: Path, flips: int, some: Sequence[tuple[str, str]] = ()
 ) -> Iterator[tuple[str, Path]]:
     """Copies of a file with each of `damaged_catalogs.edits` (or ``some`` of them), and with so many bits turned near
     indices of chunks.
     """
-    path, rng = whole.with_name("damaged.h5"), np.random.default_rng(1)
+    path, rng = whole.with_name(DAMAGED), np.random.default_rng(1)
     for name, change in some or damaged_catalogs.edits(whole):
         shutil.copy(whole, path)
         damaged_catalogs.edit(path, name, change)
@@ -150,7 +157,7 @@ def tried(folder: Path, flips: int, uses: Sequence[str]) -> Iterator[Counter[str
     verification._WHOLE_BYTES = 0
     verification.apart = functools.lru_cache(4)(verification.apart)
     whole = written(folder)
-    sound = {use: outcome(use, whole, folder) for use in uses}
+    sound = sound_outcomes(whole, uses)
     found = Counter[str]()
     for what, path in damaged(whole, flips):
         got = {use: outcome(use, path, folder) for use in uses}
