@@ -106,7 +106,24 @@ def geotiff(
                 shown = [colours.get(name, "undefined") for name in bands]
                 file.colorinterp = tuple(ColorInterp[name] for name in shown)
             file.update_tags(**tags)
+        with memory.open() as written:  # GDAL goes on without a text or a number that lacks memory
+            kept = [
+                dict(tags).items() <= written.tags().items(),
+                written.descriptions == tuple(bands),
+                units is None or written.units == tuple(units),
+                *(
+                    written.tags(index).keys() >= _STATISTICS or bool(np.isnan(band).all())
+                    for index, band in enumerate(bands.values(), start=1)
+                ),
+            ]
+        if not all(kept):
+            raise MemoryError
         return bytes(memory.getbuffer())
+
+
+_STATISTICS = {
+    f"STATISTICS_{name}" for name in ("MAXIMUM", "MEAN", "MINIMUM", "STDDEV", "VALID_PERCENT")
+}
 
 
 def picture(radiance: ArrayLike) -> NDArray[np.uint8]:

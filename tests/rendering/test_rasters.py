@@ -10,6 +10,7 @@ import pytest
 import rasterio
 
 from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.rendering import public
 from lcp_catalog.rendering.public import geotiff, node_transform, orthographic_crs
 
 ROWS, COLUMNS = 700, 600
@@ -95,3 +96,12 @@ def test_overviews_are_means_of_the_pixels_that_are_known(path: Path, band: np.n
 def test_equal_bands_give_equal_bytes(band: np.ndarray) -> None:
     first, second = (geotiff({"radiance": band}, "float32", {}) for _ in range(2))
     assert first == second
+
+
+def test_a_raster_without_its_statistics_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GDAL writes one where it has no memory for them, or for a text, and says nothing."""
+    bands = {"a": np.ones((2, 2)), "nothing": np.full((2, 2), np.nan)}
+    assert geotiff(bands, "float32", {"made": "here"})
+    monkeypatch.setattr(public, "_STATISTICS", {"STATISTICS_LOST"})
+    with pytest.raises(MemoryError):
+        geotiff(bands, "float32", {})
