@@ -106,10 +106,12 @@ def geotiff(
                 shown = [colours.get(name, "undefined") for name in bands]
                 file.colorinterp = tuple(ColorInterp[name] for name in shown)
             file.update_tags(**tags)
-        with memory.open() as written:  # GDAL goes on without a text or a number that lacks memory
+        # GDAL goes on without a text, a number or a CRS that lacks memory
+        with MemoryFile(content := bytes(memory.getbuffer())) as copy, copy.open() as written:
             kept = [
                 dict(tags).items() <= written.tags().items(),
                 written.descriptions == tuple(bands),
+                crs is None or (written.crs and not written.transform.is_identity),
                 units is None or written.units == tuple(units),
                 *(
                     written.tags(index).keys() >= _STATISTICS or bool(np.isnan(band).all())
@@ -118,7 +120,7 @@ def geotiff(
             ]
         if not all(kept):
             raise MemoryError
-        return bytes(memory.getbuffer())
+        return content
 
 
 _STATISTICS = {
