@@ -151,7 +151,11 @@ def _refused(line: str, words: Words, capsys: Any) -> str:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     if words.verdict and code == 4 and "NOT " in out:
         return ""
-    lines = [one for one in err.splitlines() if "not recognised as a product with a known error" not in one]
+    lines = [
+        one
+        for one in err.splitlines()
+        if "not recognised as a product with a known error" not in one
+    ]
     right = (
         code == 1 and len(lines) == 1 and lines[0].startswith("lcp: ") and "unexpected" not in err
     )
