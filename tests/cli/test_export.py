@@ -79,7 +79,7 @@ def test_a_missing_package_is_one_line(
             raise ImportError(module)
         return real(module, *more)
 
-    monkeypatch.setattr("lcp_catalog.exports.points.import_module", without)
+    monkeypatch.setattr("lcp_catalog.errors.import_module", without)
     line = refusal(["export", catalog, "-o", str(tmp_path / f"o{ending}")], 1, capsys)
     assert f"{name}: pip install 'lcp-catalog[{extra}]'" in line
     assert list(tmp_path.iterdir()) == []
