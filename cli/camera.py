@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from .files import RASTER, FileCommand, InputFile, OutputFile
+from .files import FileCommand, InputFile, OutputFile
 from .messages import EXIT_NO, echo, say
-from .options import check_outputs, overwrite_option
+from .options import check_outputs, dems_option, overwrite_option
 
 
 @click.group()
@@ -29,14 +29,7 @@ def command() -> None:
     metavar="CATALOG.h5",
     help="Catalogue whose points the camera should see.",
 )
-@click.option(
-    "--dem",
-    "dems",
-    type=RASTER,
-    multiple=True,
-    metavar="DEM...",
-    help="DEMs whose ground the camera should see.",
-)
+@dems_option("DEMs whose ground the camera should see.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option(
     "--plot",

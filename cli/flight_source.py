@@ -13,7 +13,7 @@ from .messages import echo
 
 
 def _written(folder: str) -> Iterator[Path]:
-    from lcp_catalog._sample import FLIGHT_FILES
+    from lcp_catalog._package_files import FLIGHT_FILES
 
     yield from (Path(folder, name) for name in FLIGHT_FILES)
 
@@ -27,7 +27,7 @@ def command(output: str, overwrite: bool) -> None:
 
     make -C DIR test compiles it and runs its test vector, make -C DIR fuzz damages files and images under sanitizers.
     """
-    from lcp_catalog._sample import write_flight_source
+    from lcp_catalog._package_files import write_flight_source
 
     written = write_flight_source(Path(output), overwrite)
     echo(f"{output}: {len(written)} files; make -C {output} test")

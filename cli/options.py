@@ -25,6 +25,12 @@ dem_argument = click.argument("dem", nargs=-1, required=True, type=RASTER, metav
 
 dem_argument_or_none = click.argument("dem", nargs=-1, type=RASTER, metavar="[DEM...]")
 
+
+def dems_option(text: str) -> Decorator:
+    """``--dem``, once for each file, of a command whose DEMs are optional; ``text``: what they are for."""
+    return click.option("--dem", "dems", multiple=True, type=RASTER, metavar="DEM...", help=text)
+
+
 catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=InputFile())
 
 

@@ -13,7 +13,7 @@ from .messages import echo
 
 
 def _written(folder: str) -> Iterator[Path]:
-    from lcp_catalog._sample import SAMPLE_FILES
+    from lcp_catalog._package_files import SAMPLE_FILES
 
     yield from (Path(folder, name) for name in SAMPLE_FILES)
 
@@ -27,7 +27,7 @@ def command(folder: str, overwrite: bool) -> None:
 
     FOLDER/PROVENANCE.txt states where each file is from, and its licence. Nothing is downloaded.
     """
-    from lcp_catalog._sample import write_sample
+    from lcp_catalog._package_files import write_sample
 
     written = write_sample(Path(folder), overwrite)
     size = sum(path.stat().st_size for path in written)

@@ -11,7 +11,7 @@ import click
 
 from . import options
 from .build_options import field_option
-from .files import RASTER, FileCommand
+from .files import FileCommand
 from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number, Step
 
 if TYPE_CHECKING:
@@ -54,13 +54,7 @@ COLUMNS = {
     metavar="M",
     help="Height above the 1737.4 km sphere; with --dem: above the terrain; default: 0.",
 )
-@click.option(
-    "--dem",
-    multiple=True,
-    type=RASTER,
-    metavar="DEM...",
-    help="Add the terrain horizon and the share of the disc above it.",
-)
+@options.dems_option("Add the terrain horizon and the share of the disc above it.")
 @field_option(
     "area.gsd_m",
     help="With --dem: cell size of the nearby terrain; default: that of the DEM.",
@@ -81,7 +75,7 @@ def command(
     lon: float | None,
     lat: float | None,
     height_m: float,
-    dem: tuple[str, ...],
+    dems: tuple[str, ...],
     gsd_m: float | None,
     time_utc: str | None,
     span: tuple[str, str, float] | None,
@@ -101,16 +95,16 @@ def command(
         when = range_of(span)
     else:
         raise click.UsageError("give --time UTC or --range START STOP STEP")
-    if gsd_m is not None and not dem:
+    if gsd_m is not None and not dems:
         raise click.UsageError("--gsd requires --dem")
-    if dem and height_m < 0.0:
+    if dems and height_m < 0.0:
         raise click.UsageError("--height must not be negative with --dem")
 
     from lcp_catalog.ephemeris.solar_position import remarks
     from lcp_catalog.light.sun_visibility import sun_at
 
     options.check_outputs(overwrite, output)
-    table = sun_at(place, when, height_m=height_m, dem=dem or None, gsd_m=gsd_m)
+    table = sun_at(place, when, height_m=height_m, dem=dems or None, gsd_m=gsd_m)
     notes = remarks(table)
     if output is not None:
         _write(output, overwrite, _csv(table, notes))

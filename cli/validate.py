@@ -50,13 +50,8 @@ def _written(folder: str) -> Iterator[Path]:
 @options.sun_angle_options
 @options.disc_option
 @environment_options
-@click.option(
-    "--dem",
-    "dems",
-    type=RASTER,
-    multiple=True,
-    metavar="DEM...",
-    help="Compare the whole image with renders of these DEMs. Default: compare with the catalogue's patches only.",
+@options.dems_option(
+    "Compare the whole image with renders of these DEMs. Default: compare with the catalogue's patches only."
 )
 @field_option(
     "area.gsd_m",

@@ -87,3 +87,9 @@ def check_fields(section: Any, name: str) -> None:
                     f"`{name}.{field}` must {meaning.limits} {unit(field)}".rstrip()
                     + f", not {shown}"
                 )
+
+
+def require(condition: bool, text: str) -> None:
+    """ConfigError with the text unless the condition holds."""
+    if not condition:
+        raise ConfigError(text)

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 import lcp_catalog as lcp
-from lcp_catalog._sample import write_sample
+from lcp_catalog._package_files import write_sample
 
 NAMES = [name for name in lcp.__all__ if name != "__version__"]
 

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from lcp_catalog import errors
-from lcp_catalog._sample import sample_folder
+from lcp_catalog._package_files import sample_folder
 from lcp_catalog.atomic_files import csv_lines
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.json_fields import JsonFields
 from lcp_catalog.catalog.origins import origins
 from lcp_catalog.errors import CameraError, CatalogError, ConfigError
-from lcp_catalog.production.config import PointConfig
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.validation.requirement import Requirement
 
 CAMERA = sample_folder() / "AS15-M-0414_camera.json"

@@ -14,7 +14,7 @@ import pytest
 from lcp_cli.main import run
 
 import lcp_catalog
-from lcp_catalog._sample import SAMPLE_FILES, sample_folder, write_sample
+from lcp_catalog._package_files import SAMPLE_FILES, sample_folder, write_sample
 from lcp_catalog.errors import OutputError, OutputExistsError
 
 ROOT = Path(__file__).resolve().parents[1]

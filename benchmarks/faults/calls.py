@@ -114,10 +114,9 @@ def _file(name: str) -> str:
 def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     """Try a command; write its row of the table. True if nothing was wrong."""
     words = small_commands.COMMANDS[name]
-    workers = (
-        measurement.Workers
-    )  # the tiers of `trade` here, not in processes that each import all anew
-    measurement.Workers = lambda isolated: workers(isolated=False)  # type: ignore[assignment,misc]
+    workers = measurement.Workers
+    # the tiers of `trade` run here, not in processes that each import all anew: no option of the command does that
+    measurement.Workers = lambda isolated: workers(isolated=False)  # type: ignore[assignment,misc]  # for a class
     attempts = failing.Attempts(folder / _file(name))
     inputs = words.inputs(folder / "inputs")
     if not words.cold:

@@ -179,8 +179,8 @@ class Attempts:
             self._state[:8] = struct.pack("q", 1)
             code = run(words.split())
             self._state[:8] = struct.pack("q", 0)
-            # as where a process that is no fork ends: folders of sockets are removed
-            multiprocessing.util._exit_function()  # type: ignore[attr-defined]
+            # as where a process that is no fork ends: folders of sockets are removed; there is no public name for it
+            multiprocessing.util._exit_function()  # type: ignore[attr-defined]  # not in the stubs
             sys.stdout.flush()
             sys.stderr.flush()
         except BaseException:

@@ -26,14 +26,9 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.production.assembly import Assembly
 from lcp_catalog.production.checkpoints import Checkpoints
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.finished_area import TABLE, FinishedArea, checksums, record_type
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.recipe import Recipe
 from lcp_catalog.production.sweep import law_of_build
 from lcp_catalog.rendering.decisions import Decision
@@ -79,8 +74,8 @@ def area(config: BuildConfig, row: int, column: int) -> FinishedArea:
     records["sigma_major"] = records["sigma_minor"] + 10
     records["localization_sigma"] = 2.0, 1.0
     records["gsd_min"] = records["gsd_max"] = GSD_M
-    table["usable"][:count] = works.sum(axis=(1, 2, 3))
-    table["stage"] = np.where(table["usable"] > 0, 3, 1)
+    table["worth"][:count] = works.sum(axis=(1, 2, 3))
+    table["stage"] = np.where(table["worth"] > 0, 3, 1)
     table["quality"] = rng.normal(size=len(table))
     table["checksum"][:count] = checksums(records)
     reason = f"the terrain of area {row}, {column} is like that of the others, but not the same"

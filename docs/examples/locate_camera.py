@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import lcp_catalog as lcp
-from lcp_catalog._sample import sample_folder
+from lcp_catalog._package_files import sample_folder
 
 IMAGE = sample_folder() / "AS15-M-0414.png"
 CAMERA = sample_folder() / "AS15-M-0414_camera.json"

@@ -95,7 +95,7 @@ def _reads_arrays(part: type[Part]) -> type[Part]:
     for field in fields(part):
         if "AnyArray" in str(field.type):
             setattr(part, field.name, _ArrayField(field.name))
-    part.__repr__ = _sizes  # type: ignore[method-assign]
+    part.__repr__ = _sizes  # type: ignore[method-assign]  # what a class decorator is for
     return part
 
 

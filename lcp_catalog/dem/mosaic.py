@@ -404,7 +404,9 @@ def _pixels(dem: Dem, lon_deg: Array, lat_deg: Array) -> Array:
 
 
 UNKNOWN_SIGMA_M = 10.0
-"""1 sigma assumed for a product whose uncertainty is not published."""
+"""1 sigma of absolute heights assumed for a product whose uncertainty is not published. Errors of its relief are another
+matter: `error_maps.errors_of_file`.
+"""
 FACTOR = 3.0
 """Two products disagree if the median of their absolute differences exceeds this many sigmas of a
 difference.

@@ -72,18 +72,17 @@ def log10_false_alarms(
 @dataclass(frozen=True)
 class Units:
     """``least`` (u,), rising: the probabilities from which a point is worth 1, 2, ... units; ``demand``: units that
-    are wanted; ``located`` (`UNITS_MAX` + 1,): probability, at least, that a frame is located by so many units.
+    are wanted; ``chance``: of a match to agree by accident.
     """
 
     least: tuple[float, ...]
     demand: int
-    located: tuple[float, ...]
+    chance: float
 
     @classmethod
     def of_usable(cls, count: int, min_detection: float, gsd_m: float) -> Units:
         """Every usable point is worth one unit, and ``count`` are wanted."""
-        limit = min(max(min_detection, 0.01), _CERTAIN)
-        return cls((min_detection,), count, tuple(_located(limit, 1, chance_of(gsd_m)).tolist()))
+        return cls((min_detection,), count, chance_of(gsd_m))
 
     @classmethod
     @functools.cache
@@ -105,8 +104,14 @@ class Units:
             next(p for p, units in zip(steps, worth, strict=True) if units >= wanted)
             for wanted in range(1, MOST_UNITS + 1)
         )
-        tables = [_located(p, k, chance) for k, p in enumerate(least, 1)]
-        return cls(least, MOST_UNITS * first, tuple(np.min(tables, axis=0).tolist()))
+        return cls(least, MOST_UNITS * first, chance)
+
+    @functools.cached_property
+    def located(self) -> Array:
+        """Probability, at least, that a frame is located by 0, 1, ... units, (`UNITS_MAX` + 1,)."""
+        limits = np.clip(self.least, 0.01, _CERTAIN).tolist()
+        tables = [_located(p, k, self.chance) for k, p in enumerate(limits, 1)]
+        return np.asarray(np.min(tables, axis=0))
 
 
 def chance_of(gsd_m: float) -> float:

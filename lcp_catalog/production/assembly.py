@@ -25,7 +25,8 @@ from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, Places, select, stable_id
 from ..rendering.plan import ScenePlan
 from .checkpoints import Checkpoints, JoinedAreas
-from .config import BuildConfig, ErrorConfig
+from .config import BuildConfig
+from .error_config import ErrorConfig
 from .evaluation import image_scales
 from .finished_area import record_type
 from .promise import PromiseChoice
@@ -112,7 +113,7 @@ class Assembly:
         points = config.points
         limits = [] if points.max_points is None else [points.max_points]
         if points.max_bytes is not None:
-            rows = np.flatnonzero(areas.table["usable"])
+            rows = np.flatnonzero(areas.table["worth"])
             some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _SAMPLED)).astype(np.int64)]
             records = areas.records(some, record_type(config))
             each = _stored_bytes(records) / max(1, len(records)) + _BYTES_BESIDE
@@ -222,7 +223,7 @@ def choose(table: AnyArray, config: BuildConfig) -> Index:
     the most usable conditions first, then those with the finest localisation.
     """
     places = Places(table["lon_deg"], table["lat_deg"])
-    return select(places, table["usable"], table["quality"], spacing_m(config))
+    return select(places, table["worth"], table["quality"], spacing_m(config))
 
 
 def spacing_m(config: BuildConfig) -> float:

@@ -308,7 +308,7 @@ class Checkpoints:
 
 def _are_whole(stream: IO[bytes], area: StoredArea) -> bool:
     """True if the records, which the stream gives next, have the checksums of the table."""
-    expected = area.table["checksum"][area.table["usable"] > 0]
+    expected = area.table["checksum"][area.table["worth"] > 0]
     step = max(1, _READ_BYTES // max(1, area.record_bytes))
     for start in range(0, area.records, step):
         count = min(step, area.records - start)
@@ -366,7 +366,7 @@ class JoinedAreas:
         plan = ScenePlan.merged(plans())
         counts = [len(table) for table in tables]
         table = np.concatenate(tables)
-        number = np.cumsum(table["usable"] > 0)
+        number = np.cumsum(table["worth"] > 0)
         first = np.cumsum([0, *counts[:-1]])  # rows
         earlier = np.concatenate([[0], number])[first]  # records in the areas before
         area = np.repeat(np.arange(len(names)), counts)

@@ -27,12 +27,13 @@ from ..choices import (
     REFLECTANCE_MODELS,
 )
 from ..errors import ConfigError, plain, unread
-from ..fields import check_fields, meanings, meant
+from ..fields import check_fields, meanings, meant, require
 from ..photometry.moon_map import map_file
 from ..toml_files import dataclass_of, parse_toml
+from .error_config import ErrorConfig
+from .point_config import PointConfig
 
 if TYPE_CHECKING:
-    from ..landmarks.error_model import ErrorModel
     from ..terrain.area import Area
 
 _REPLACED = {
@@ -44,11 +45,6 @@ _REPLACED = {
 """Keys of older versions and those that replace them."""
 
 
-def _require(condition: bool, text: str) -> None:
-    if not condition:
-        raise ConfigError(text)
-
-
 LEVELS_MAX = 32
 """Most levels of a catalogue."""
 
@@ -58,16 +54,16 @@ LEVEL_FACTOR_MAX = 2.0
 
 def _check_levels(name: str, cells_m: tuple[float, ...]) -> None:
     """ConfigError for cell sizes, rising, that cannot be the levels of a catalogue."""
-    _require(
+    require(
         len(cells_m) <= LEVELS_MAX, f"{name} are {len(cells_m)} cell sizes, at most {LEVELS_MAX}"
     )
     for fine, coarse in itertools.pairwise(cells_m):
-        _require(
+        require(
             coarse > LEVEL_RATIO * fine,
             f"{name}: {fine:g} and {coarse:g} m are too close for two levels: at least a factor of {LEVEL_RATIO:g}",
         )
         missing = ", ".join(f"{cell:.4g}" for cell in between(fine, coarse)[1:-1])
-        _require(
+        require(
             coarse <= 1.01 * LEVEL_FACTOR_MAX * fine,
             f"{name}: {fine:g} and {coarse:g} m are more than a factor of {LEVEL_FACTOR_MAX:g} apart; "
             f"add {missing} m",
@@ -80,7 +76,7 @@ def between(fine_m: float, coarse_m: float) -> tuple[float, ...]:
     """
     octaves = math.log2(coarse_m) - math.log2(fine_m)
     steps = math.ceil(octaves / math.log2(LEVEL_FACTOR_MAX) - 1e-9)
-    _require(steps < LEVELS_MAX, f"{steps + 1} levels of cells are too many: at most {LEVELS_MAX}")
+    require(steps < LEVELS_MAX, f"{steps + 1} levels of cells are too many: at most {LEVELS_MAX}")
     return tuple(fine_m * 2.0 ** (octaves * k / max(1, steps)) for k in range(steps + 1))
 
 
@@ -136,32 +132,32 @@ class AreaConfig:
 
     def __post_init__(self) -> None:
         check_fields(self, "area")
-        _require(
+        require(
             len(self.center_deg) in (0, 2), "`area.center_deg` must be a longitude and a latitude"
         )
-        _require(
+        require(
             len(self.bounds_deg) in (0, 4), "`area.bounds_deg` must be west, south, east and north"
         )
-        _require(
+        require(
             not (self.center_deg and self.bounds_deg),
             "`area.center_deg` and `area.bounds_deg` exclude each other",
         )
-        _require(
+        require(
             not self.center_deg or self.size_km is not None,
             "`area.center_deg` needs `area.size_km`",
         )
-        _require(
+        require(
             self.size_km is None or bool(self.center_deg), "`area.size_km` needs `area.center_deg`"
         )
         if self.bounds_deg:
             west, south, east, north = self.bounds_deg
-            _require(south < north, "`area.bounds_deg` W S E N: the south must be below the north")
-            _require(west != east, "`area.bounds_deg` W S E N: west and east are the same")
+            require(south < north, "`area.bounds_deg` W S E N: the south must be below the north")
+            require(west != east, "`area.bounds_deg` W S E N: west and east are the same")
         cells = [name for name in ("gsd_m", "levels_m", "altitudes_km") if getattr(self, name)]
-        _require(
+        require(
             len(cells) < 2, " and ".join(f"`area.{name}`" for name in cells) + " exclude each other"
         )
-        _require(
+        require(
             bool(self.altitudes_km) == (self.ifov_rad is not None),
             "`area.altitudes_km` and `area.ifov_rad` go together",
         )
@@ -176,12 +172,12 @@ class AreaConfig:
         them in equal ratios of at most `LEVEL_FACTOR_MAX`. ConfigError for altitudes or an angle out
         of range.
         """
-        _require(
+        require(
             len(self.altitudes_km) == 2 and self.altitudes_km[0] <= self.altitudes_km[1],
             "`area.altitudes_km` must be the lowest and the highest altitude",
         )
         low, high = (altitude * 1e3 * (self.ifov_rad or 0.0) for altitude in self.altitudes_km)
-        _require(
+        require(
             low > 0.0 and high <= GSD_MAX_M,
             f"`area.altitudes_km` times `area.ifov_rad` are cells of {low:g} to {high:g} m; they must be "
             f"above 0 and at most {GSD_MAX_M:g} m",
@@ -280,9 +276,9 @@ class SunConfig:
 
     def __post_init__(self) -> None:
         check_fields(self, "sun")
-        _require(len(self.azimuths_deg) > 0, "`sun.azimuths_deg` is empty")
+        require(len(self.azimuths_deg) > 0, "`sun.azimuths_deg` is empty")
         for name in ("azimuths_deg", "elevations_deg"):
-            _require(
+            require(
                 all(b > a for a, b in itertools.pairwise(getattr(self, name))),
                 f"`sun.{name}` must rise strictly",
             )
@@ -325,7 +321,7 @@ class ViewConfig:
     def __post_init__(self) -> None:
         check_fields(self, "view")
         lengths = {len(self.off_nadir_deg), len(self.azimuth_deg), len(self.altitude_km)}
-        _require(
+        require(
             len(lengths) == 1 and lengths != {0},
             "`view.off_nadir_deg`, azimuth_deg and altitude_km must be of one length",
         )
@@ -334,202 +330,11 @@ class ViewConfig:
         return len(self.off_nadir_deg)
 
 
-SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
-"""Default search radius: so many nodes, but not more than so many metres, unless half a patch is wider."""
-
-SPACING_MIN_NODES, SEARCH_MAX_NODES = 4, 1000
-"""Least spacing and greatest search radius, in nodes: the memory and the time of an area grow with the
-number of points and with the square of the radius.
-"""
-
-LENGTH_MAX_M = 1e7
-"""Greatest spacing and search radius: about the Moon's circumference."""
-
 CONDITIONS_MAX = 50_000
 """Most conditions (views times Suns) of a build; a point keeps some 40 bytes for each."""
 
 AREA_NODES_MIN = 16
 """Least number of nodes along an area's side."""
-
-LOCATED, LOCATED_MIN, LOCATED_MAX = 0.99, 0.5, 0.999
-PER_VIEW_MAX = 200
-"""Usable points promised in a camera's footprint by default, and at most."""
-
-FOOTPRINT_NODES = 1024
-"""Default diameter of a camera's footprint: an image so many pixels wide at the scale of the cells."""
-
-FOOTPRINT_MAX_KM = 5000.0
-"""Greatest diameter of a footprint: about half the Moon."""
-
-CORNER_BORDER = 4
-"""Nodes by which the corner detector's window extends beyond the search region."""
-
-SPACING_MAX_M = 8000.0
-"""Greatest default spacing, unless half a patch is wider."""
-
-
-@dataclass(frozen=True)
-class PointConfig:
-    """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
-
-    patch_nodes: int = meant(33, "Nodes along a patch's side, an odd number.", least=9, most=257)
-    located_probability: float | None = meant(
-        None,
-        "Probability that a frame is located, which the catalogue promises for a camera's footprint anywhere in the region, "
-        "under every Sun and view that can occur; as few points as possible are kept for it. Points that are not usable "
-        "count with their probability.",
-        default=f"{LOCATED}, unless `points.per_view` or `points.spacing_m` is given",
-        least=LOCATED_MIN,
-        most=LOCATED_MAX,
-    )
-    per_view: int | None = meant(
-        None,
-        "Instead of `points.located_probability`: number of usable points that are promised. 0: no promise; points are "
-        "spread evenly, at the spacing.",
-        default="none; 0 if `points.spacing_m` is given",
-        least=0,
-        most=PER_VIEW_MAX,
-    )
-    footprint_km: float | None = meant(
-        None,
-        "Diameter of the ground that a camera sees.",
-        default=f"{FOOTPRINT_NODES} cells, at most the shorter side of the region",
-        above=0.0,
-        most=FOOTPRINT_MAX_KM,
-    )
-    max_points: int | None = meant(
-        None,
-        "Greatest number of points; those are kept that do most for the promise.",
-        default="no limit",
-        least=1,
-    )
-    max_bytes: int | None = meant(
-        None,
-        "Greatest size of the file by estimate, bytes; it limits the points as `points.max_points` does.",
-        default="no limit",
-        least=1,
-    )
-    spacing_m: float | None = meant(
-        None,
-        "Least distance between two points, which are then spread evenly (unless a promise is asked for, too).",
-        default="half a patch; with `points.per_view` 0 two patches, at most 8 km",
-        above=0.0,
-        most=LENGTH_MAX_M,
-    )
-    search_m: float | None = meant(
-        None,
-        "Radius within which a point must be unique, at least half a patch.",
-        default=f"{SEARCH_NODES} cells, at most 8 km",
-        above=0.0,
-        most=LENGTH_MAX_M,
-    )
-    candidates_per_cell: int = meant(
-        2,
-        "Candidates in a cell of the spacing, of all Suns; up to two more that stand out under some.",
-        least=1,
-        most=100,
-    )
-    min_detection: float = meant(
-        0.9,
-        "Least detection probability of a usable point: that the search finds the place and nothing else.",
-        least=0.0,
-        most=1.0,
-    )
-    min_lit_share: float = meant(
-        0.1,
-        "Least share of a patch that is lit, for a place that can be localised.",
-        least=0.0,
-        most=1.0,
-    )
-    max_dependence: float = meant(
-        0.1,
-        "Greatest share of a patch that terrain outside it darkens or hides.",
-        least=0.0,
-        most=1.0,
-    )
-    min_usable_conditions: int = meant(
-        1, "Least number of Suns and views under which a point is usable.", least=1
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "points")
-        _require(
-            self.patch_nodes % 2 == 1, f"`points.patch_nodes` must be odd, not {self.patch_nodes}"
-        )
-        for name in ("max_points", "max_bytes"):
-            _require(
-                getattr(self, name) is None or self.promised,
-                f"`points.{name}` needs `points.located_probability`, or `points.per_view` above 0: the choice "
-                "is by what is promised",
-            )
-        _require(
-            self.located_probability is None or self.per_view is None,
-            "`points.located_probability` and `points.per_view` exclude each other",
-        )
-
-    @property
-    def located(self) -> float | None:
-        """Probability of being located that is promised; None for a number of points, or no promise."""
-        if self.per_view is None and self.spacing_m is None:
-            return LOCATED if self.located_probability is None else self.located_probability
-        return self.located_probability
-
-    @property
-    def promised(self) -> bool:
-        """False if nothing is promised, and points are spread evenly."""
-        return self.located is not None or bool(self.per_view)
-
-    @property
-    def half(self) -> int:
-        """Nodes from a patch's centre to its edge."""
-        return self.patch_nodes // 2
-
-    def search_nodes(self, gsd_m: float) -> int:
-        """Radius, in nodes, within which a point must be unique."""
-        if self.search_m is None:
-            return max(self.half, round(min(SEARCH_NODES, SEARCH_MAX_M / gsd_m)))
-        return max(1, round(min(self.search_m / gsd_m, 2.0**31)))  # of a cell of 1e-320 m, too
-
-    def halo_nodes(self, gsd_m: float) -> int:
-        """Width, in nodes, of the margin around a point that its evaluation uses."""
-        return self.search_nodes(gsd_m) + self.half + CORNER_BORDER
-
-    def check_cells(self, gsd_m: float) -> None:
-        """ConfigError for a spacing of too few cells or a search radius of too many or too few: a patch
-        has no rival within half its width, where its own peak of the correlation ends.
-        """
-        spacing, search = self.spacing_m, self.search_m
-        _require(
-            spacing is None or spacing >= SPACING_MIN_NODES * gsd_m,
-            f"`points.spacing_m`: {spacing or 0.0:g} m is too small for cells of {gsd_m:g} m: at least "
-            f"{SPACING_MIN_NODES} cells, {SPACING_MIN_NODES * gsd_m:g} m",
-        )
-        _require(
-            search is None or search <= SEARCH_MAX_NODES * gsd_m,
-            f"`points.search_m`: a radius of {search or 0.0:g} m is too large for cells of {gsd_m:g} m: at most "
-            f"{SEARCH_MAX_NODES} cells, {SEARCH_MAX_NODES * gsd_m:g} m",
-        )
-        _require(
-            self.search_nodes(gsd_m) >= self.half,
-            f"`points.search_m`: a radius of {search or 0.0:g} m is too small for patches of {self.patch_nodes} cells of "
-            f"{gsd_m:g} m: nothing else would be compared; at least half a patch, {self.half * gsd_m:g} m",
-        )
-
-    def least_distance_m(self, gsd_m: float) -> float:
-        """Least distance between two points, metres: the spacing, but half a patch if only a promise
-        is given.
-        """
-        nodes = self.half if self.promised and self.spacing_m is None else self.spacing_nodes(gsd_m)
-        return nodes * gsd_m
-
-    def spacing_nodes(self, gsd_m: float) -> int:
-        """Side of the cells in which candidates are looked for, in nodes; by default two patch widths,
-        at most `SPACING_MAX_M`, but not less than half a patch.
-        """
-        if self.spacing_m is not None:
-            return max(1, round(min(self.spacing_m / gsd_m, 2.0**31)))
-        widest = max(self.half, round(min(SPACING_MAX_M / gsd_m, 2.0**31)))
-        return min(2 * (self.patch_nodes - 1), widest)
 
 
 @dataclass(frozen=True)
@@ -600,12 +405,12 @@ class ModelConfig:
 
     def __post_init__(self) -> None:
         check_fields(self, "model")
-        _require(
+        require(
             self.accuracy is None or self.tolerance is None,
             "`model.accuracy` and `model.tolerance` exclude each other",
         )
         for name in ("albedo_encoding", "albedo_reference"):
-            _require(
+            require(
                 self.albedo not in (MOON_MAP, NO_MAP) or getattr(self, name) is None,
                 f"`model.{name}` needs `model.albedo`, a map's file",
             )
@@ -641,65 +446,6 @@ class ModelConfig:
         return dataclasses.replace(self, albedo=name)
 
 
-PLACE_PER_LENGTH = 25.0 / 530.0
-"""1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15;
-with maps of Apollo 16 it is 80 of 1450 m."""
-
-
-@dataclass(frozen=True)
-class ErrorConfig:
-    """The differences between images and renders (`landmarks.error_model.ErrorModel`); None: heights by
-    the DEM's product and effective resolution.
-
-    The other figures were fitted to the Apollo 15 frames AS15-M-0414 and AS15-M-0295 on GLD100 cells
-    of 474 m (`validation.error_fit`). With a map of albedo of 2.7 km per pixel the fit gave the same
-    figure for brightness that no map holds as without one.
-    """
-
-    sensor_noise: float = meant(
-        0.07,
-        "Noise of an image's pixel, 1 sigma, as a share of the mean signal.",
-        least=0.0,
-        below=1.0,
-    )
-    height_sigma_m: float | None = meant(
-        None, "1 sigma of heights.", default="the maps of [dem], else the DEM's product"
-    )
-    height_length_m: float | None = meant(
-        None,
-        "Correlation length of the heights' errors.",
-        default="half of the effective resolution",
-    )
-    albedo_sigma: float = meant(0.09, "Relative 1 sigma of brightness that no map holds.")
-    albedo_length_m: float = meant(1900.0, "Its correlation length.")
-    position_sigma_m: float | None = meant(
-        None,
-        "1 sigma of a patch's place, each axis.",
-        default=f"{100.0 * PLACE_PER_LENGTH:.2g} % of `errors.height_length_m` (25 m for GLD100)",
-    )
-    spread: float = meant(0.25, "Standard deviation of the logarithm of all this between places.")
-    shadow_shift: float = meant(
-        0.11,
-        "1 sigma, cells: shift of all points along a grazing Sun's azimuth by shadows below a cell; 0 from 35 deg on.",
-    )
-
-    def __post_init__(self) -> None:
-        check_fields(self, "errors")
-        self.model(height_sigma_m=1.0, height_length_m=1.0)
-
-    def model(self, height_sigma_m: float, height_length_m: float) -> ErrorModel:
-        """The error model with the given figures where the configuration has none. ConfigError for
-        invalid values.
-        """
-        from ..landmarks.error_model import ErrorModel
-
-        derived = {"height_sigma_m": height_sigma_m, "height_length_m": height_length_m}
-        given = {k: v for k, v in dataclasses.asdict(self).items() if v is not None}
-        whole = derived | given
-        place_m = float(f"{PLACE_PER_LENGTH * whole['height_length_m']:.3g}")
-        return ErrorModel(**({"position_sigma_m": place_m} | whole))
-
-
 @dataclass(frozen=True)
 class BuildConfig:
     """All that determines a catalogue's content besides the DEM.
@@ -721,7 +467,7 @@ class BuildConfig:
 
     def __post_init__(self) -> None:
         suns = len(self.sun.azimuths_deg) * len(self.sun.elevations_deg)
-        _require(
+        require(
             len(self.view) * suns <= CONDITIONS_MAX,
             f"{len(self.view)} views times {suns} Suns are {len(self.view) * suns} conditions; at most "
             f"{CONDITIONS_MAX} can be evaluated",
@@ -799,7 +545,7 @@ class BuildConfig:
         sections = {f.name: f for f in dataclasses.fields(cls)}
         hints = get_type_hints(cls)
         unknown = sorted(set(document) - set(sections))
-        _require(
+        require(
             not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}"
         )
         return cls(

@@ -41,10 +41,7 @@ TABLE = np.dtype(
         ("lon_deg", "<f8"),
         ("lat_deg", "<f8"),
         ("quality", "<f8"),  # the higher, the better among equally many usable conditions
-        (
-            "usable",
-            "<i4",
-        ),  # usable conditions (`_worth`); 0 for a candidate that cannot become a point
+        ("worth", "<i4"),  # usable conditions (`_worth`); 0: it cannot become a point
         ("checksum", "<u4"),  # CRC-32 of the record; 0 without one
         ("stage", "u1"),  # of `landmarks.selection.coverage`
         ("information", "<f4"),  # mean of `_information`
@@ -91,7 +88,7 @@ def finished_area(result: AreaResult, config: BuildConfig) -> FinishedArea:
     """The table and the records of an area's candidates."""
     candidates = result.candidates
     table = table_of(candidates, config)
-    some = np.flatnonzero(table["usable"])
+    some = np.flatnonzero(table["worth"])
     records = np.zeros(len(some), record_type(config))
     for name, values in _record_columns(candidates, config).items():
         records[name] = values[some]
@@ -107,7 +104,7 @@ def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     table = np.zeros(len(candidates), TABLE)
     table["lon_deg"], table["lat_deg"] = candidates.lon_deg, candidates.lat_deg
     table["quality"] = _quality(evaluation, these)
-    table["usable"] = np.where(worth >= least, worth, 0)
+    table["worth"] = np.where(worth >= least, worth, 0)
     table["stage"] = _stages(evaluation, worth >= least)
     table["information"] = np.nan_to_num(_over(_information(evaluation), these, np.nanmean))
     return table

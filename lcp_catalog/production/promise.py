@@ -34,8 +34,9 @@ from ..landmarks.selection import (
     stable_id,
 )
 from ..terrain.area import Area
-from .config import FOOTPRINT_NODES, BuildConfig, PointConfig
+from .config import BuildConfig
 from .finished_area import UNIT, units_of
+from .point_config import FOOTPRINT_NODES, PointConfig
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
 
 _ROWS = 1_000_000
@@ -327,10 +328,10 @@ class PromiseChoice:
         first.
         """
         distance_m = self.config.points.least_distance_m(self.config.gsd_m)
-        places, usable = Places(table["lon_deg"], table["lat_deg"]), table["usable"]
+        places, worth = Places(table["lon_deg"], table["lat_deg"]), table["worth"]
         quality = table["quality"]
-        pool = select(places, usable, quality, distance_m)
-        keys = (-quality[pool], -usable[pool], -table["information"][pool])
+        pool = select(places, worth, quality, distance_m)
+        keys = (-quality[pool], -worth[pool], -table["information"][pool])
         return pool[np.lexsort(keys)]
 
     def _demand(self) -> Int16:

@@ -35,10 +35,10 @@ from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,
-    PointConfig,
     SunConfig,
     ViewConfig,
 )
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
 
 GSD_M = 500.0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from lcp_catalog._sample import sample_folder
+from lcp_catalog._package_files import sample_folder
 from lcp_catalog.catalog.origins import Origin, merged_config, origins
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.toml_files import parse_toml

@@ -8,10 +8,10 @@ from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,
-    PointConfig,
     SunConfig,
     ViewConfig,
 )
+from lcp_catalog.production.point_config import PointConfig
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 

@@ -15,11 +15,11 @@ from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,
-    PointConfig,
     SunConfig,
     ViewConfig,
 )
 from lcp_catalog.production.evaluation import Evaluation
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.occlusion import occluded_sweep
 from lcp_catalog.tradeoff import measurement

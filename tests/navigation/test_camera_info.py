@@ -30,7 +30,7 @@ def above(altitude_m: float = 100e3, turn_deg: float = 0.0, **changes: object) -
         "principal_point_px": (199.5, 149.5),
         "image_size_px": (400, 300),
     }
-    return Camera(**given | changes)  # type: ignore[arg-type]
+    return Camera(**given | changes)  # type: ignore[arg-type]  # a dict of values of several types
 
 
 def test_place_view_and_pixel() -> None:

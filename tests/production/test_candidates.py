@@ -14,13 +14,8 @@ from helpers.random_scenes import make
 
 from lcp_catalog.landmarks.corners import candidates
 from lcp_catalog.production import area_job
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.plan import ring_decision
 

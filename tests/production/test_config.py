@@ -12,14 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lcp_catalog.errors import ConfigError, InputError
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ErrorConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.error_config import ErrorConfig
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import Conditions
 
 rising = st.lists(st.floats(0.0, 89.0), min_size=1, max_size=6, unique=True).map(

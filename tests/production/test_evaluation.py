@@ -21,14 +21,9 @@ from lcp_catalog.catalog.schema import (
 )
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import evaluation
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import evaluate, image_scales
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ring_decision

@@ -19,11 +19,11 @@ from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,
-    PointConfig,
     SunConfig,
     ViewConfig,
 )
 from lcp_catalog.production.evaluation import Evaluation, PatchLight, evaluate
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import (
     Conditions,
     Sweep,

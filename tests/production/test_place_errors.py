@@ -11,14 +11,9 @@ import pytest
 from helpers.random_scenes import make
 
 from lcp_catalog.landmarks.error_model import ErrorModel
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import STEP, PlaceErrors, evaluate
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.plan import ring_decision
 

@@ -20,8 +20,9 @@ from lcp_catalog.landmarks.located import Units, chance_of, needed
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.matching.joint_detection import at_least_found
 from lcp_catalog.production.area_job import run_area
-from lcp_catalog.production.config import AreaConfig, PointConfig, SunConfig, ViewConfig
+from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
 from lcp_catalog.production.finished_area import FinishedArea, finished_area
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.promise import PromiseChoice, PromisedPlaces
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area

@@ -36,13 +36,13 @@ from lcp_catalog.production.area_job import AreaJob, area_sweep, run_area
 from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
-    ErrorConfig,
     ModelConfig,
-    PointConfig,
     SunConfig,
     ViewConfig,
 )
+from lcp_catalog.production.error_config import ErrorConfig
 from lcp_catalog.production.estimate import _seconds, estimate
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.rendering.plan import ScenePlan
 from lcp_catalog.terrain.area import NodeWindow

@@ -22,10 +22,10 @@ from lcp_catalog.production.config import (
     AreaConfig,
     BuildConfig,
     ModelConfig,
-    PointConfig,
     SunConfig,
     ViewConfig,
 )
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision, MergedDecision

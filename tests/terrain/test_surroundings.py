@@ -26,14 +26,9 @@ from lcp_catalog.kernels.rays.bundles import scaled
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import area_job
 from lcp_catalog.production.area_job import area_sweep
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    PointConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.terrain import surroundings as module

@@ -11,7 +11,7 @@ from helpers.trades import CONFIG, candidates
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.production.area_job import Candidates
-from lcp_catalog.production.config import PointConfig
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.tradeoff.point_changes import compare_points
 
 

@@ -1,0 +1,198 @@
+"""The section ``[points]`` of a build's configuration (`config`): what a control point is, and what the points promise together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..fields import check_fields, meant, require
+
+SEARCH_NODES, SEARCH_MAX_M = 64, 8000.0
+"""Default search radius: so many nodes, but not more than so many metres, unless half a patch is wider."""
+
+SPACING_MIN_NODES, SEARCH_MAX_NODES = 4, 1000
+"""Least spacing and greatest search radius, in nodes: the memory and the time of an area grow with the
+number of points and with the square of the radius.
+"""
+
+LENGTH_MAX_M = 1e7
+"""Greatest spacing and search radius: about the Moon's circumference."""
+
+LOCATED, LOCATED_MIN, LOCATED_MAX = 0.99, 0.5, 0.999
+PER_VIEW_MAX = 200
+"""Usable points promised in a camera's footprint by default, and at most."""
+
+FOOTPRINT_NODES = 1024
+"""Default diameter of a camera's footprint: an image so many pixels wide at the scale of the cells."""
+
+FOOTPRINT_MAX_KM = 5000.0
+"""Greatest diameter of a footprint: about half the Moon."""
+
+CORNER_BORDER = 4
+"""Nodes by which the corner detector's window extends beyond the search region."""
+
+SPACING_MAX_M = 8000.0
+"""Greatest default spacing, unless half a patch is wider."""
+
+
+@dataclass(frozen=True)
+class PointConfig:
+    """Criteria for control points; lengths without a unit in the name are in nodes of the area's grid."""
+
+    patch_nodes: int = meant(33, "Nodes along a patch's side, an odd number.", least=9, most=257)
+    located_probability: float | None = meant(
+        None,
+        "Probability that a frame is located, which the catalogue promises for a camera's footprint anywhere in the region, "
+        "under every Sun and view that can occur; as few points as possible are kept for it. Points that are not usable "
+        "count with their probability.",
+        default=f"{LOCATED}, unless `points.per_view` or `points.spacing_m` is given",
+        least=LOCATED_MIN,
+        most=LOCATED_MAX,
+    )
+    per_view: int | None = meant(
+        None,
+        "Instead of `points.located_probability`: number of usable points that are promised. 0: no promise; points are "
+        "spread evenly, at the spacing.",
+        default="none; 0 if `points.spacing_m` is given",
+        least=0,
+        most=PER_VIEW_MAX,
+    )
+    footprint_km: float | None = meant(
+        None,
+        "Diameter of the ground that a camera sees.",
+        default=f"{FOOTPRINT_NODES} cells, at most the shorter side of the region",
+        above=0.0,
+        most=FOOTPRINT_MAX_KM,
+    )
+    max_points: int | None = meant(
+        None,
+        "Greatest number of points; those are kept that do most for the promise.",
+        default="no limit",
+        least=1,
+    )
+    max_bytes: int | None = meant(
+        None,
+        "Greatest size of the file by estimate, bytes; it limits the points as `points.max_points` does.",
+        default="no limit",
+        least=1,
+    )
+    spacing_m: float | None = meant(
+        None,
+        "Least distance between two points, which are then spread evenly (unless a promise is asked for, too).",
+        default="half a patch; with `points.per_view` 0 two patches, at most 8 km",
+        above=0.0,
+        most=LENGTH_MAX_M,
+    )
+    search_m: float | None = meant(
+        None,
+        "Radius within which a point must be unique, at least half a patch.",
+        default=f"{SEARCH_NODES} cells, at most 8 km",
+        above=0.0,
+        most=LENGTH_MAX_M,
+    )
+    candidates_per_cell: int = meant(
+        2,
+        "Candidates in a cell of the spacing, of all Suns; up to two more that stand out under some.",
+        least=1,
+        most=100,
+    )
+    min_detection: float = meant(
+        0.9,
+        "Least detection probability of a usable point: that the search finds the place and nothing else.",
+        least=0.0,
+        most=1.0,
+    )
+    min_lit_share: float = meant(
+        0.1,
+        "Least share of a patch that is lit, for a place that can be localised.",
+        least=0.0,
+        most=1.0,
+    )
+    max_dependence: float = meant(
+        0.1,
+        "Greatest share of a patch that terrain outside it darkens or hides.",
+        least=0.0,
+        most=1.0,
+    )
+    min_usable_conditions: int = meant(
+        1, "Least number of Suns and views under which a point is usable.", least=1
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self, "points")
+        require(
+            self.patch_nodes % 2 == 1, f"`points.patch_nodes` must be odd, not {self.patch_nodes}"
+        )
+        for name in ("max_points", "max_bytes"):
+            require(
+                getattr(self, name) is None or self.promised,
+                f"`points.{name}` needs `points.located_probability`, or `points.per_view` above 0: the choice "
+                "is by what is promised",
+            )
+        require(
+            self.located_probability is None or self.per_view is None,
+            "`points.located_probability` and `points.per_view` exclude each other",
+        )
+
+    @property
+    def located(self) -> float | None:
+        """Probability of being located that is promised; None for a number of points, or no promise."""
+        if self.per_view is None and self.spacing_m is None:
+            return LOCATED if self.located_probability is None else self.located_probability
+        return self.located_probability
+
+    @property
+    def promised(self) -> bool:
+        """False if nothing is promised, and points are spread evenly."""
+        return self.located is not None or bool(self.per_view)
+
+    @property
+    def half(self) -> int:
+        """Nodes from a patch's centre to its edge."""
+        return self.patch_nodes // 2
+
+    def search_nodes(self, gsd_m: float) -> int:
+        """Radius, in nodes, within which a point must be unique."""
+        if self.search_m is None:
+            return max(self.half, round(min(SEARCH_NODES, SEARCH_MAX_M / gsd_m)))
+        return max(1, round(min(self.search_m / gsd_m, 2.0**31)))  # of a cell of 1e-320 m, too
+
+    def halo_nodes(self, gsd_m: float) -> int:
+        """Width, in nodes, of the margin around a point that its evaluation uses."""
+        return self.search_nodes(gsd_m) + self.half + CORNER_BORDER
+
+    def check_cells(self, gsd_m: float) -> None:
+        """ConfigError for a spacing of too few cells or a search radius of too many or too few: a patch
+        has no rival within half its width, where its own peak of the correlation ends.
+        """
+        spacing, search = self.spacing_m, self.search_m
+        require(
+            spacing is None or spacing >= SPACING_MIN_NODES * gsd_m,
+            f"`points.spacing_m`: {spacing or 0.0:g} m is too small for cells of {gsd_m:g} m: at least "
+            f"{SPACING_MIN_NODES} cells, {SPACING_MIN_NODES * gsd_m:g} m",
+        )
+        require(
+            search is None or search <= SEARCH_MAX_NODES * gsd_m,
+            f"`points.search_m`: a radius of {search or 0.0:g} m is too large for cells of {gsd_m:g} m: at most "
+            f"{SEARCH_MAX_NODES} cells, {SEARCH_MAX_NODES * gsd_m:g} m",
+        )
+        require(
+            self.search_nodes(gsd_m) >= self.half,
+            f"`points.search_m`: a radius of {search or 0.0:g} m is too small for patches of {self.patch_nodes} cells of "
+            f"{gsd_m:g} m: nothing else would be compared; at least half a patch, {self.half * gsd_m:g} m",
+        )
+
+    def least_distance_m(self, gsd_m: float) -> float:
+        """Least distance between two points, metres: the spacing, but half a patch if only a promise
+        is given.
+        """
+        nodes = self.half if self.promised and self.spacing_m is None else self.spacing_nodes(gsd_m)
+        return nodes * gsd_m
+
+    def spacing_nodes(self, gsd_m: float) -> int:
+        """Side of the cells in which candidates are looked for, in nodes; by default two patch widths,
+        at most `SPACING_MAX_M`, but not less than half a patch.
+        """
+        if self.spacing_m is not None:
+            return max(1, round(min(self.spacing_m / gsd_m, 2.0**31)))
+        widest = max(self.half, round(min(SPACING_MAX_M / gsd_m, 2.0**31)))
+        return min(2 * (self.patch_nodes - 1), widest)
