@@ -15,10 +15,10 @@ def area(seed: int, usable: tuple[int, ...]) -> FinishedArea:
     """Candidates with so many usable conditions, and random records of the usable ones."""
     rng = np.random.default_rng(seed)
     table = np.zeros(len(usable), TABLE)
-    table["lon_deg"], table["usable"] = np.arange(len(usable)) + seed, usable
+    table["lon_deg"], table["worth"] = np.arange(len(usable)) + seed, usable
     records = np.zeros(np.count_nonzero(usable), KIND)
     records["dem"] = rng.normal(size=(len(records), 3, 3))
     records["condition"] = rng.integers(0, 32, (len(records), 5))
-    table["checksum"][table["usable"] > 0] = checksums(records)
+    table["checksum"][table["worth"] > 0] = checksums(records)
     decision = Decision("effect", False, f"of area {seed}", 0.1 * seed, "m")
     return FinishedArea(table, records, ScenePlan.of([decision] * 8))
