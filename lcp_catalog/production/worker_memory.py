@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 START_MB = 309.0
 """The package with its kernels, and a small part of a DEM. 150 MB of it are mapped files of libraries. Linux
-maps 80 MB more of files that have just been installed (until they leave the page cache); these pages, which
+maps 80 to 106 MB more of files that have just been installed (until they leave the page cache); these pages, which
 processes share and the system can evict, are not counted."""
 
 MARGIN_MB = 40.0

@@ -82,7 +82,8 @@ def test_a_worker_keeps_its_promise() -> None:
     for _ in range(2):  # the first process may compile kernels, which takes memory, too
         with processes(1) as pool:
             found = pool.submit(area_peak, job).result()
-    assert found.peak_mb < TIGHT_GB * 1e3
+    # as the promise counts (`worker_memory.START_MB`): after an installation 100 MB more of the libraries' files are mapped
+    assert found.counted_mb < TIGHT_GB * 1e3
     assert found.tiles < 20e6
     stated = area_mb(job.task.window, job.task.lat_deg, build.recipe.config)
     assert stated - 2.0 * MARGIN_MB < found.counted_mb < stated
