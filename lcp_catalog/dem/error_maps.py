@@ -25,6 +25,7 @@ from ..errors import DemError
 from .dem import Dem
 from .grid import Grid
 from .mosaic import DemSet
+from .products import UNKNOWN
 from .raster import Gridded, Raster, grid_of, open_dataset, unit_m
 
 log = logging.getLogger(__name__)
@@ -262,12 +263,15 @@ def warn_of_unknown(dems: DemSet, lon_deg: ArrayLike, lat_deg: ArrayLike) -> Non
     """Log a warning that names the files used at places (n,) for whose heights no 1 sigma is known."""
     used = np.unique(dems.product_at(lon_deg, lat_deg))
     for dem in (dems.dems[n] for n in used[used >= 0].tolist()):
-        if dem.facts.sigma_m is None and dem.facts.calibrated_sigma_m is None:
+        facts = dem.facts
+        if facts.sigma_m is None and facts.calibrated_sigma_m is None:
+            unknown = "not recognised as a product with a known error (was the file renamed?)"
             log.warning(
-                "%s: not recognised as a product with a known error (was the file renamed?): a 1 sigma of %.3g m is assumed "
+                "%s: %s: a 1 sigma of %.3g m is assumed "
                 "for its heights, %g %% of what they resolve; give [errors] height_sigma_m in a BUILD.toml, or maps: "
                 "`dem.sigma_map`, `dem.resolution_map`",
                 dem.path.name,
+                unknown if facts is UNKNOWN else f"{facts.family}: {facts.source}",
                 errors_of_file(dem).sigma_m,
                 100.0 * SIGMA_PER_RESOLUTION,
             )

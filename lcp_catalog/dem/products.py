@@ -91,7 +91,8 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
         (r"NAC_DTM", ProductFacts("NAC_DTM", None, 2.0, None, _BURNS_2012)),
     )
 )
-_UNKNOWN = ProductFacts("unknown")
+UNKNOWN = ProductFacts("unknown")
+"""What is known of a product of no family: nothing."""
 
 _NAMES = (
     # (pattern in the product id or the file's stem, name)
@@ -118,7 +119,7 @@ def facts_of(product: str) -> ProductFacts:
     """Facts about a product by its name (`product_name`); of the family "unknown" if there are
     none.
     """
-    return next((facts for pattern, facts in _FAMILIES if pattern.match(product)), _UNKNOWN)
+    return next((facts for pattern, facts in _FAMILIES if pattern.match(product)), UNKNOWN)
 
 
 def is_called(product: str, name: str) -> bool:
