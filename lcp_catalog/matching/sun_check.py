@@ -16,8 +16,9 @@ shift of the matches under a Sun that is as good is a position error common to a
 
 An azimuth that is wrong by half a turn makes two Suns fit equally, and neither is preferred. There the
 vertex of a parabola through the means of z under the stated and the two turned Suns says where the
-Sun is (`best_turn`): a smoother DEM lowers all three alike. There is no such test of the elevation,
-because relief that the DEM lacks looks like a lower Sun, too.
+Sun is (`best_turn`): a smoother DEM lowers all three alike. The vertex over the elevation is lower than the
+Sun where the DEM lacks relief, by a figure that grows with the height of the Sun and with what the
+correlation lacks (`usual_raise_deg`). A vertex far from that is named, and refuses nothing.
 """
 
 from __future__ import annotations
@@ -39,6 +40,9 @@ from .point_search import Criteria, find_points
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: change of azimuth (clockwise) and of elevation."""
 
+LEAST_ELEVATION_DEG = 1.0
+"""A Sun that is lowered or raised ends so far from the horizon and from the zenith."""
+
 AS_STATED = (0.0, 0.0)
 SIDEWAYS_DEG = (AS_STATED, *TURNS_DEG[:2])
 
@@ -59,6 +63,18 @@ LEAST_TURN_DEG = 6.0
 """Distance of the best azimuth from the stated one, by 3 of its sigmas from 0, that is refused."""
 
 _TURN_SIGMAS = 3.0
+
+LOWERED, RAISED = TURNS_DEG.index((0.0, -10.0)), TURNS_DEG.index((0.0, 10.0))
+_SMOOTH_DEG = 20.0
+_SMOOTH_FROM_DEG, _SMOOTH_OVER_DEG = 15.0, 12.0
+"""`usual_raise_deg`: fitted to 21 photographs with Suns of 6 to 40 deg, judged on 21 others."""
+RAISE_LIMITS_DEG = (-8.0, 3.2)
+"""Distance of the best elevation from the usual one, downwards and upwards, that is named: more than that of any of
+the photographs under the right Sun (-6.0 to 2.5)."""
+_NEARLY_ALL = 0.85
+"""Share of the points that correlate better under the lowered Sun, which is named: at most 0.82 did under the right Sun."""
+JUDGED_BELOW_DEG = 45.0
+"""Stated elevation above which nothing is named: with the Sun high the vertex is at random."""
 _REACH_PX = 3.0
 _MOST = 100
 _GLANCE = 2
@@ -85,6 +101,9 @@ class SunCheck:
     least_doubt_px: float = 0.0  # doubt under the law of the search, if another decides
     best_turn_deg: float = 0.0  # turn from the stated azimuth to the best one, `best_turn`
     best_turn_sigma_deg: float = math.inf
+    elevation_deg: float = math.nan  # of the stated Sun; NaN if others were tried than `TURNS_DEG`
+    best_raise_deg: float = 0.0  # from the stated elevation to the best one, `best_turn`
+    best_raise_sigma_deg: float = math.inf
 
     @property
     def preferred(self) -> int | None:
@@ -118,6 +137,40 @@ class SunCheck:
         """
         least = max(LEAST_TURN_DEG, _TURN_SIGMAS * self.best_turn_sigma_deg)
         return self.independent >= _FEWEST and abs(self.best_turn_deg) > least
+
+    @property
+    def elevation_fits(self) -> bool:
+        """False if the stated elevation is probably wrong: nearly all points prefer a Sun lowered by 10 deg, or the best
+        elevation is farther from the usual one than `RAISE_LIMITS_DEG`, by more than its sigma. True for a stated Sun above
+        `JUDGED_BELOW_DEG` and for fewer than `_FEWEST` independent points.
+        """
+        if not (self.independent >= _FEWEST and self.elevation_deg < JUDGED_BELOW_DEG):
+            return True
+        if self.shares[LOWERED] > _NEARLY_ALL:
+            return False
+        if not math.isfinite(self.best_raise_sigma_deg):  # better still beyond the Suns tried
+            return max(self.shares[LOWERED], self.shares[RAISED]) <= 0.5
+        low, high = RAISE_LIMITS_DEG
+        off = self.best_raise_deg - usual_raise_deg(self.elevation_deg, self.correlation)
+        return low - self.best_raise_sigma_deg <= off <= high
+
+    @property
+    def elevation_advice(self) -> str:
+        """One line about an elevation that does not fit (`elevation_fits`); empty for one that may be right."""
+        if self.elevation_fits:
+            return ""
+        best = LOWERED if self.shares[LOWERED] > self.shares[RAISED] else RAISED
+        other = max(self.elevation_deg + self.turns_deg[best][1], LEAST_ELEVATION_DEG)
+        usual = self.elevation_deg + usual_raise_deg(self.elevation_deg, self.correlation)
+        seen = f"{'below' if best == LOWERED else 'above'} {other:.0f} deg"
+        if math.isfinite(self.best_raise_sigma_deg):
+            vertex = self.elevation_deg + self.best_raise_deg
+            seen = f"at {vertex:.0f} deg +- {self.best_raise_sigma_deg:.1f}"
+        return (
+            f"the Sun's elevation, {self.elevation_deg:.0f} deg, may be wrong: {self.points} points correlate best {seen}, "
+            f"not at {usual:.0f} deg as under a right one; {self.shares[best]:.0%} correlate better at {other:.0f} deg: "
+            "check the Sun and the time"
+        )
 
     @property
     def doubt_px(self) -> float:
@@ -263,7 +316,7 @@ class _Tried:
         z, medians = _z(correlations), np.median(correlations, axis=1)
         gain = z[1:] - z[0]
         independent = max(1.0, len(rows) * independent_share)
-        turn, sigma = self._best_turn(gain, independent)
+        turn, raised = (self._vertex(gain, axis, independent) for axis in (0, 1))
         check = SunCheck(
             points=len(rows),
             independent=independent,
@@ -273,23 +326,48 @@ class _Tried:
             gains=tuple(np.median(gain, axis=1).tolist()),
             shares=tuple((gain > 0.0).mean(axis=1).tolist()),
             shifts_px=tuple(_common_shift(moved - places[0]) for moved in places[1:]),
-            best_turn_deg=turn,
-            best_turn_sigma_deg=sigma,
+            best_turn_deg=turn[0],
+            best_turn_sigma_deg=turn[1],
+            elevation_deg=self._elevation_deg() if self.turns_deg == TURNS_DEG else math.nan,
+            best_raise_deg=raised[0],
+            best_raise_sigma_deg=raised[1],
         )
         return check, _highest(z)
 
-    def _best_turn(self, gain: Array, independent: float) -> tuple[float, float]:
-        """`best_turn` of gains (m, n); no turn if the Suns of `SIDEWAYS_DEG` were not tried."""
-        if not set(SIDEWAYS_DEG[1:]) <= set(self.turns_deg):
+    def _vertex(self, gain: Array, axis: int, independent: float) -> tuple[float, float]:
+        """`best_turn` of gains (m, n) over the azimuth (axis 0) or the elevation (1); none if those Suns were not tried."""
+        pairs = [
+            (k, turn[axis])
+            for k, turn in enumerate(self.turns_deg)
+            if turn[axis] and not turn[1 - axis]
+        ]
+        if len(pairs) != 2 or pairs[0][1] != -pairs[1][1]:
             return 0.0, math.inf
-        back, ahead = (gain[self.turns_deg.index(turn)] for turn in SIDEWAYS_DEG[1:])
-        return best_turn(back, ahead, SIDEWAYS_DEG[2][0], independent)
+        (back, _), (ahead, step_deg) = pairs
+        return best_turn(gain[back], gain[ahead], step_deg, independent)
+
+    def _elevation_deg(self) -> float:
+        """Elevation of the stated Sun in the middle of the points."""
+        middle = self.ground_mcmf_m.mean(axis=0)
+        sun = self.image.sun_directions(middle)
+        return math.degrees(
+            math.asin(float(np.clip(sun @ middle / np.linalg.norm(middle), -1.0, 1.0)))
+        )
+
+
+def usual_raise_deg(elevation_deg: float, correlation: float) -> float:
+    """Distance of the best elevation from the right one, as photographs have it on DEMs that are smoother than the ground:
+    ``correlation`` is the median under the stated Sun. 0 for a Sun below 15 deg, where shadows tell.
+    """
+    share = min(max((elevation_deg - _SMOOTH_FROM_DEG) / _SMOOTH_OVER_DEG, 0.0), 1.0)
+    return -_SMOOTH_DEG * share * (1.0 - correlation)
 
 
 def best_turn(
     back: Array, ahead: Array, step_deg: float, independent: float
 ) -> tuple[float, float]:
-    """Turn of the Sun's azimuth at the vertex of the parabola through mean gains in z, 1 sigma, degrees.
+    """Turn of the Sun's azimuth, or rise of its elevation, at the vertex of the parabola through mean gains in z, and its
+    1 sigma, degrees.
 
     ``back``, ``ahead``: gains (n,) of the points under Suns turned by -``step_deg`` and ``step_deg``
     from the stated one, whose gain is 0. The sigma is that of the spread of the points, as if there
@@ -334,6 +412,7 @@ def with_sun(image: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: flo
     level /= np.linalg.norm(level)
     turn = math.radians(turn_deg)
     level = math.cos(turn) * level - math.sin(turn) * np.cross(up, level)
-    height = min(max(height + math.radians(raise_deg), math.radians(1.0)), math.radians(89.0))
+    low, high = math.radians(LEAST_ELEVATION_DEG), math.radians(90.0 - LEAST_ELEVATION_DEG)
+    height = min(max(height + math.radians(raise_deg), low), high)
     direction = math.cos(height) * level + math.sin(height) * up
     return replace(image, sun_position_mcmf_m=None, sun_direction_mcmf=direction)

@@ -347,6 +347,7 @@ def _light(check: SunCheck | None) -> dict[str, Any] | None:
     tried = zip(check.turns_deg, check.correlations, check.shares, strict=True)
     return {
         "fits": check.fits,
+        "elevation_fits": check.elevation_fits,
         "points": check.points,
         "law": check.law or None,
         "correlation": check.correlation,

@@ -59,6 +59,7 @@ from .ground_comparison import (
     against_dem,
     against_patches,
 )
+from .map_distortion import distortion_advice
 from .result import (
     ImageFacts,
     ImageVerdict,
@@ -269,7 +270,7 @@ def _one(
         windows_reason=why,
         error=_error(request, located, image.sensor),
         encoding=encoding,
-        advice=_advice(request, located, ground),
+        advice=_advice(request, catalog, image, located, ground),
     )
     residuals = _residuals(request, catalog, located, best) if request.fit_errors else None
     sources = [*files.paths, *(ground.sources if ground else ())]
@@ -325,12 +326,22 @@ def _searched(
     return found._replace(encoding=check)
 
 
-def _advice(request: Validation, located: Fix, ground: GroundComparison | None) -> tuple[str, ...]:
-    """What may improve the comparison of a located image with the DEM."""
-    if located.pose is None or ground is None or request.dems is None or request.albedo:
+def _advice(
+    request: Validation,
+    catalog: Catalog,
+    image: Image,
+    located: Fix,
+    ground: GroundComparison | None,
+) -> tuple[str, ...]:
+    """What may be wrong with a located image, and what may improve its comparison with the DEM."""
+    if located.pose is None:
         return ()
-    text = albedo_advice(ground.windows)
-    return (text,) if text else ()
+    sun = located.sun.elevation_advice if located.sun else ""
+    distortion = distortion_advice(located, catalog, image)
+    albedo = ""
+    if ground is not None and request.dems is not None and not request.albedo:
+        albedo = albedo_advice(ground.windows)
+    return tuple(text for text in (sun, distortion, albedo) if text)
 
 
 def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: Options) -> Catalog:
@@ -384,7 +395,7 @@ def _claims(
     request: Validation, catalog: Catalog, located: Fix, image: Image, criteria: Criteria
 ) -> Claims:
     """Claims on the points, tried in the located image, or with a known camera."""
-    known = request.pose_is_known and image.sensor.corrections == POSE
+    known = request.pose_is_known
     best = image.with_sensor(located.pose.sensor) if located.pose else image
     true = image.sensor if known else None
     search = ClaimSearch(catalog, best, request.law, criteria, true)

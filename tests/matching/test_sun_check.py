@@ -17,7 +17,13 @@ from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.sun_check import TURNS_DEG, best_turn, check_points, with_sun
+from lcp_catalog.matching.sun_check import (
+    TURNS_DEG,
+    SunCheck,
+    best_turn,
+    check_points,
+    with_sun,
+)
 
 
 def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
@@ -228,3 +234,72 @@ def test_a_sun_stays_above_the_horizon_and_off_the_zenith(up: float, elevation: 
     moved = with_sun(photo, HERE.origin_mcmf_m[None], 15.0, up)
     azimuth, height = azimuth_elevation(HERE.direction_from_mcmf(moved.sun_direction_mcmf))
     assert (float(azimuth), float(height)) == pytest.approx((115.0, elevation), abs=1e-6)
+
+
+# -- the elevation
+
+
+def elevated(
+    elevation_deg: float,
+    best_deg: float,
+    sigma_deg: float = 0.5,
+    share: float = 0.4,
+    correlation: float = 0.8,
+) -> SunCheck:
+    """A check with a best elevation, and a share of points that prefer the lowered Sun."""
+    return replace(
+        light(0.2), correlation=correlation, shares=(0.1, 0.1, share, 0.1), elevation_deg=elevation_deg,
+        best_raise_deg=best_deg, best_raise_sigma_deg=sigma_deg,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("check", "fits"),
+    [
+        (elevated(30.0, -4.8), True),  # AS15-M-1134 under its Sun, correlation 0.78
+        (elevated(20.0, 4.8), False),  # the same, stated 10 deg too low
+        (elevated(40.0, -29.6, share=1.0), False),  # and 10 deg too high
+        (elevated(10.0, 2.4), True),
+        (elevated(10.0, 3.9), False),
+        (elevated(32.0, -12.0, correlation=0.52), True),  # a smoother DEM: usual is -9.6
+        (elevated(32.0, -12.0, correlation=0.95), False),  # and with a DEM that has all relief
+        (elevated(32.0, -9.5, 1.0, correlation=0.95), True),  # within its sigma
+        (
+            elevated(30.0, 0.0, math.inf),
+            True,
+        ),  # no best one between the Suns tried, and no majority
+        (elevated(30.0, 0.0, math.inf, share=0.6), False),
+        (elevated(50.0, -20.0, share=1.0), True),  # too high to say
+        (replace(elevated(20.0, 4.8), independent=4.0), True),
+        (elevated(math.nan, 9.0), True),  # other Suns than these were tried
+    ],
+)
+def test_when_an_elevation_is_named(check: SunCheck, fits: bool) -> None:
+    assert check.elevation_fits == fits
+    assert check.fits  # it refuses nothing
+    assert (check.elevation_advice == "") == fits
+
+
+def test_the_advice_gives_the_elevations() -> None:
+    assert elevated(20.0, 4.8).elevation_advice == (
+        "the Sun's elevation, 20 deg, may be wrong: 50 points correlate best at 25 deg +- 0.5, not at 18 deg as under a right one; "
+        "40% correlate better at 10 deg: check the Sun and the time"
+    )
+    assert (
+        "correlate best below 20 deg, not at 26 deg"
+        in elevated(30.0, 0.0, math.inf, 0.9).elevation_advice
+    )
+    assert "correlate better at 1 deg" in elevated(6.0, -9.0, share=0.9).elevation_advice
+
+
+def test_the_elevation_of_a_check_is_measured(monkeypatch, hills) -> None:
+    """Points whose correlation falls with the square of the distance from a Sun 4 deg above the stated one at 30 deg."""
+    at = np.array([0.0, -20.0, 20.0, -10.0, 10.0])
+    elevation = np.array([0.0, 0.0, 0.0, -10.0, 10.0])
+    z = 1.0 - 1e-3 * (elevation - 4.0) ** 2 - 1e-4 * (at - elevation) ** 2 * (elevation == 0.0)
+    correlations = np.tanh(np.repeat(z[:, None], 20, axis=1))
+    check, *_ = listened(monkeypatch, hills, correlations, np.zeros((5, 20, 2)), 20)
+    assert check.elevation_deg == pytest.approx(30.0, abs=0.1)
+    assert check.best_raise_deg == pytest.approx(4.0)
+    assert check.best_raise_sigma_deg == pytest.approx(0.0, abs=1e-6)
+    assert not check.elevation_fits
