@@ -66,15 +66,16 @@ _TURN_SIGMAS = 3.0
 
 LOWERED, RAISED = TURNS_DEG.index((0.0, -10.0)), TURNS_DEG.index((0.0, 10.0))
 _SMOOTH_DEG = 20.0
-_SMOOTH_FROM_DEG, _SMOOTH_OVER_DEG = 15.0, 12.0
+_SMOOTH_FROM_DEG, _SMOOTH_OVER_DEG = 16.0, 10.0
 """`usual_raise_deg`: fitted to 21 photographs with Suns of 6 to 40 deg, judged on 21 others."""
-RAISE_LIMITS_DEG = (-8.0, 3.2)
+RAISE_LIMITS_DEG = (-8.0, 3.5)
 """Distance of the best elevation from the usual one, downwards and upwards, that is named: more than that of any of
-the photographs under the right Sun (-6.0 to 2.5)."""
-_NEARLY_ALL = 0.85
-"""Share of the points that correlate better under the lowered Sun, which is named: at most 0.82 did under the right Sun."""
+the photographs under the right Sun, whose sigmas are subtracted downwards."""
+_NEARLY_ALL = 0.88
+"""Share of the points that correlate better under the lowered Sun, which is named: at most 0.85 did under the right Sun."""
 JUDGED_BELOW_DEG = 45.0
-"""Stated elevation above which nothing is named: with the Sun high the vertex is at random."""
+"""Stated elevation above which the best one is not judged: with the Sun high it is at random."""
+_SEEN_DEG = 15.0  # a vertex farther away lies beyond the Suns that were tried
 _REACH_PX = 3.0
 _MOST = 100
 _GLANCE = 2
@@ -141,13 +142,15 @@ class SunCheck:
     @property
     def elevation_fits(self) -> bool:
         """False if the stated elevation is probably wrong: nearly all points prefer a Sun lowered by 10 deg, or the best
-        elevation is farther from the usual one than `RAISE_LIMITS_DEG`, by more than its sigma. True for a stated Sun above
-        `JUDGED_BELOW_DEG` and for fewer than `_FEWEST` independent points.
+        elevation is farther from the usual one than `RAISE_LIMITS_DEG`. The best one is not judged for a Sun stated above
+        `JUDGED_BELOW_DEG`; nothing is for fewer than `_FEWEST` independent points.
         """
-        if not (self.independent >= _FEWEST and self.elevation_deg < JUDGED_BELOW_DEG):
+        if math.isnan(self.elevation_deg) or self.independent < _FEWEST:
             return True
         if self.shares[LOWERED] > _NEARLY_ALL:
             return False
+        if self.elevation_deg >= JUDGED_BELOW_DEG:
+            return True
         if not math.isfinite(self.best_raise_sigma_deg):  # better still beyond the Suns tried
             return max(self.shares[LOWERED], self.shares[RAISED]) <= 0.5
         low, high = RAISE_LIMITS_DEG
@@ -163,7 +166,7 @@ class SunCheck:
         other = max(self.elevation_deg + self.turns_deg[best][1], LEAST_ELEVATION_DEG)
         usual = self.elevation_deg + usual_raise_deg(self.elevation_deg, self.correlation)
         seen = f"{'below' if best == LOWERED else 'above'} {other:.0f} deg"
-        if math.isfinite(self.best_raise_sigma_deg):
+        if math.isfinite(self.best_raise_sigma_deg) and abs(self.best_raise_deg) < _SEEN_DEG:
             vertex = self.elevation_deg + self.best_raise_deg
             seen = f"at {vertex:.0f} deg +- {self.best_raise_sigma_deg:.1f}"
         return (
@@ -357,7 +360,7 @@ class _Tried:
 
 def usual_raise_deg(elevation_deg: float, correlation: float) -> float:
     """Distance of the best elevation from the right one, as photographs have it on DEMs that are smoother than the ground:
-    ``correlation`` is the median under the stated Sun. 0 for a Sun below 15 deg, where shadows tell.
+    ``correlation`` is the median under the stated Sun. 0 for a Sun below 16 deg, where shadows tell.
     """
     share = min(max((elevation_deg - _SMOOTH_FROM_DEG) / _SMOOTH_OVER_DEG, 0.0), 1.0)
     return -_SMOOTH_DEG * share * (1.0 - correlation)

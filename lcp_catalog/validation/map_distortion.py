@@ -23,7 +23,7 @@ from ..matching.position_fix import Fix
 
 LEAST_PX = 0.25
 """Root mean square of a pattern that is named, in pixels of the map."""
-LOG10_CHANCE = -6.0
+LOG10_CHANCE = -3.0
 """Chance below which a pattern is named. Maps of Apollo 16 as they are leave patterns of 0.07 to 0.34 px; none fulfils both."""
 
 _FLOOR_PX = 0.05  # a match is not better than this, whatever its covariance says

@@ -269,7 +269,8 @@ def elevated(
             True,
         ),  # no best one between the Suns tried, and no majority
         (elevated(30.0, 0.0, math.inf, share=0.6), False),
-        (elevated(50.0, -20.0, share=1.0), True),  # too high to say
+        (elevated(50.0, -20.0), True),  # too high to say
+        (elevated(50.0, -20.0, share=0.89), False),
         (replace(elevated(20.0, 4.8), independent=4.0), True),
         (elevated(math.nan, 9.0), True),  # other Suns than these were tried
     ],

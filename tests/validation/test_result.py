@@ -192,6 +192,7 @@ def test_what_was_checked_is_told(whole: result.ValidationResult) -> None:
     raised = {"turned_deg": 0.0, "raised_deg": 10.0, "correlation": None, "preferred_share": None}
     assert located["light"] == {
         "fits": True,
+        "elevation_fits": True,
         "points": 30,
         "law": None,
         "correlation": 0.9,
