@@ -15,17 +15,22 @@ from pathlib import Path
 import numpy as np
 import rasterio
 from lcp_cli.main import run
+from pyproj import CRS, Transformer
+from rasterio.windows import Window
 
-from benchmarks.evidence.catalogues import ALBEDO, SERIES_TOML, Build, built, opened, to_sun
+from benchmarks.evidence.catalogues import ALBEDO, LAW, SERIES_TOML, Build, built, opened, to_sun
 from benchmarks.evidence.dequantise import smooth_terraces
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.pose import Pose, position_error
+from lcp_catalog.photometry.laws import reflectance_model
+from lcp_catalog.validation.ground_comparison import RenderSettings, WindowChoice, against_dem
 from lcp_catalog.validation.run import ImageFiles
 from tests.helpers import apollo_maps, located_frames, pit_pair
 from tests.helpers.apollo_frames import SERIES, series_keys
@@ -38,7 +43,9 @@ NEEDED = (
     f"images/{SERIES}",
     "images/nac-tranqpit1-pair",
     "images/nac-m143947267l-spice",
+    "images/kaguya-tc-marius",
     "dem/gld100",
+    "dem/lola-polar",
     ALBEDO,
 )
 """Folders and files of the shared lunar data that are read."""
@@ -57,6 +64,18 @@ PIT_OPTIONS = ("--gsd", "2", "--sun-azimuths", "260,275", "--sun-elevations", "4
 PIT_SIGMA_M = 5.0
 PIT_APART_M = 2.0
 """The two files of the NAC pair agree to this (docs/measurements/evidence.md, registration)."""
+
+MARE_OPTIONS = """--bounds -57.8 7 -56 19.2 --gsd 237 --spacing 2 --footprint 30 --located-probability 0.99
+    --sun-azimuths 60,75,90,105,120 --sun-elevations 15,20,30,45"""
+MARE_CELL_M, MARE_SIGMA_M = 237.0, 500.0
+POLAR = {
+    "WAC mosaic 0 E 75.5 S": (0.0, -75.5, 301.0),
+    "WAC mosaic 45 E 75.9 S": (45.0, -75.9, 345.0),
+}
+"""Parts of the mosaic: longitude and latitude of the middle, longitude of the subsolar point (found by hill shading)."""
+POLAR_OPTIONS = """--size 240 --gsd 1600 --spacing 12 --view 0:0 --albedo none
+    --sun-azimuths 280,290,300,310,320 --sun-elevations 3,5,8,11,15"""
+POLAR_PX, POLAR_SIGMA_M = 500, 3000.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +96,7 @@ class Case:
     encoding: str = "srgb"
     off_m: Callable[[Pose], float] | None = None  # distance from the known place
     truth: str = ""  # what that place is
+    known: bool = False  # claims are tried at the given place, located or not
 
 
 def chosen(data: Path, folder: Path, only: Sequence[str] = ("",)) -> list[Case]:
@@ -100,6 +120,8 @@ def cases(data: Path, folder: Path) -> Iterator[Case]:
     for name in series_keys(data):
         yield mapped(data, folder, name)
     yield terminator(data, folder)
+    yield from mare(data, folder)
+    yield from polar(data, folder)
 
 
 # -- Apollo 15 with a camera
@@ -197,6 +219,82 @@ def terminator(data: Path, folder: Path) -> Case:
 def _subsolar(photo: Image) -> tuple[float, float]:
     lon, lat, _ = (float(value) for value in mcmf_to_lonlat(to_sun(photo)))
     return lon, lat
+
+
+def mare(data: Path, folder: Path) -> Iterator[Case]:
+    """Kaguya's strips over Marius: orthophotos of another DEM, 280 to 600 m from GLD100's ground, put right by the shift with which
+    they correlate best with a render; only their claims are tried, at that place. The catalogue keeps weak points, too.
+    """
+    place = data / "images" / "kaguya-tc-marius"
+    geometry = json.loads((place / "geometry.json").read_text(encoding="utf-8"))
+    (dem,) = place.glob("gld100_*.tif")
+    for image in sorted(place.glob("TC1*.tif")):
+        sun = SunChoice(subsolar_deg=tuple(geometry[image.stem]["subsolar_lon_lat_deg"]))
+        yield Case(
+            f"{image.stem} (TC)",
+            ImageFiles(_put_right(image, folder, dem, sun)),
+            Uncertainty(MARE_SIGMA_M),
+            dem,
+            partial(_command, folder / "mare.h5", dem, MARE_OPTIONS.split()),
+            "JAXA; file: lunadem, CC0",
+            "Kaguya mare",
+            sun,
+            albedo=False,
+            encoding="linear",
+            known=True,
+        )
+
+
+def _put_right(image: Path, folder: Path, dem: Path, sun: SunChoice) -> Path:
+    """A copy of a map whose ground is that of a DEM."""
+    out = folder / image.name
+    if not out.exists():
+        settings = RenderSettings(reflectance_model(LAW))
+        cells = WindowChoice(gsd_m=MARE_CELL_M, remove_offset=True)
+        found = against_dem(open_image(image, None, sun), DemSet.open([dem]), settings, cells)
+        right_m, down_m = (MARE_CELL_M * cells for cells in found.windows.shift_px)
+        with rasterio.open(image) as file:
+            moved = rasterio.Affine.translation(-right_m, down_m) @ file.transform
+            profile, values = file.profile | {"transform": moved}, file.read()
+        with rasterio.open(out, "w", **profile) as file:
+            file.write(values)
+    return out
+
+
+def polar(data: Path, folder: Path) -> Iterator[Case]:
+    """Two parts of the WAC's mosaic of the south, each of a time of its own, on LOLA's heights of 1600 m."""
+    place = data / "dem" / "lola-polar"
+    dem = place / "lola_dem_south.tif"
+    for name, (lon, lat, subsolar) in POLAR.items():
+        image = folder / f"{name}.tif"
+        if not image.exists():
+            _cut(place / "wac_mosaic_south_400m.tif", image, (lon, lat))
+        options = [*POLAR_OPTIONS.split(), "--center", f"{lon:g}", f"{lat:g}", "--reflectance", LAW]
+        yield Case(
+            name,
+            ImageFiles(image),
+            Uncertainty(POLAR_SIGMA_M),
+            dem,
+            partial(_command, folder / f"{name}.h5", dem, options),
+            "NASA/GSFC/Arizona State University; file: lunar-toolkit, BSD-3",
+            "polar LOLA",
+            SunChoice(subsolar_deg=(subsolar, -0.5)),
+            albedo=False,
+        )
+
+
+def _cut(mosaic: Path, out: Path, place_deg: tuple[float, float]) -> None:
+    """A square of a mosaic around a place."""
+    with rasterio.open(mosaic) as file:
+        sphere = CRS.from_user_input(file.crs).geodetic_crs
+        x, y = Transformer.from_crs(sphere, file.crs, always_xy=True).transform(*place_deg)
+        row, col = file.index(x, y)
+        window = Window(col - POLAR_PX // 2, row - POLAR_PX // 2, POLAR_PX, POLAR_PX)
+        profile = file.profile | {"driver": "GTiff", "height": POLAR_PX, "width": POLAR_PX}
+        profile |= {"transform": file.window_transform(window)}
+        values = file.read(window=window)
+    with rasterio.open(out, "w", **profile) as file:
+        file.write(values)
 
 
 # -- LROC NAC

@@ -121,6 +121,7 @@ def _validated(
         model=reflectance_model(LAW),
         albedo=albedo,
         pixels=ImageOptions(encoding=case.encoding),
+        pose_is_known=case.known,
     )
     result = run_validation(request)
     verdict = result.verdict.images[0]
