@@ -60,8 +60,7 @@ static double towards(const double a[3], const double b[3], double out[3]) {
 
 /* ---- the file */
 static size_t claims_at(const lcpf_file *f) {
-    size_t square = (size_t)f->nodes * f->nodes;
-    return POINT + square * (f->albedo ? 3u : 2u);
+    return POINT + (size_t)f->nodes * f->nodes * (f->albedo ? 3u : 2u);
 }
 
 static const uint8_t *point_at(const lcpf_file *f, uint32_t number) { return f->bytes + f->data + f->stride * number; }
@@ -264,7 +263,7 @@ static double nearest(double corner[3][2], const double p[2], double weight[3]) 
  * 20 deg of it; on the way there up to half of the weight is lost. 0 if there is none at all. */
 static int of_level(const lcpf_file *f, const double p[2], int32_t level, double share, uint32_t *at, double *out) {
     uint32_t first = f->elevations + f->azimuths;
-    int32_t number = -1, off = INT32_MAX;
+    int32_t number = -1, chosen = -1, off = INT32_MAX;
     double best = HUGE_VAL, last = NAN;
     for (uint32_t n = 0; n < f->triangles; n++) {
         const uint8_t *t = f->bytes + f->views_at + 3u * n;
@@ -276,8 +275,8 @@ static int of_level(const lcpf_file *f, const double p[2], int32_t level, double
         }
         double away = nearest(corner, p, weight);
         int32_t other = number > level ? number - level : level - number;
-        if (!(away <= 20.0) || !(other < off || (other == off && away < best - 1e-9))) continue;
-        best = away, off = other;
+        if (!(away <= 20.0) || !(other < off || (number == chosen && away < best - 1e-9))) continue;
+        best = away, off = other, chosen = number;
         for (int k = 0; k < 3; k++) at[k] = t[k], out[k] = share * weight[k] * (1.0 - 0.5 * away / 20.0);
     }
     return best <= 20.0;
@@ -296,7 +295,11 @@ static int around_view(const lcpf_file *f, const double view[3], double altitude
         else if (level[1] == level[0]) level[1] = number, share = fmax((1.0 / altitude - low) / (one - low), 0.0);
     }
     if (level[1] == level[0]) share = 0.0;
-    return off < 90.0 && of_level(f, p, level[0], 1.0 - share, out->at, out->weight) && of_level(f, p, level[1], share, out->at + 3, out->weight + 3);
+    if (!(off < 90.0) || !of_level(f, p, level[0], 1.0 - share, out->at, out->weight)) return 0;
+    of_level(f, p, level[1], share, out->at + 3, out->weight + 3);
+    int same = out->at[0] == out->at[3] && out->at[1] == out->at[4] && out->at[2] == out->at[5];
+    for (int k = 0; same && k < 3; k++) out->weight[k] += out->weight[3 + k], out->weight[3 + k] = 0.0; /* one level has both shares */
+    return 1;
 }
 
 /* Logarithm of how clearly relief shows under a Sun and a view (landmarks/relief_signal.py). */
@@ -745,8 +748,7 @@ static double correlate(const sought *t, int32_t row, int32_t col, int32_t ny, i
                 for (int32_t j = 0; j < t->cols; j++) for (int32_t k = 0; k < nx; k++) sum[k] += v[j] * x[j + k];
                 const uint8_t *mask = t->mask + i * t->cols;
                 for (int32_t j = 0, end = 0; j < t->cols; j = end + 1) {
-                    for (end = j; end < t->cols && mask[end]; end++) {
-                    }
+                    for (end = j; end < t->cols && mask[end];) end++;
                     int32_t a = (y + i) * step + j, b = (y + i) * step + end;
                     for (int32_t k = 0; end > j && k < nx; k++)
                         first[k] += one[b + k] - one[a + k], second[k] += two[b + k] - two[a + k], known[k] += real[b + k] - real[a + k];
@@ -863,8 +865,7 @@ static int peaks(const sought *t, const sought *small, int32_t row, int32_t col,
     int count = maxima(work->u.search.score, box[1] - box[0] + 1, nx, found), kept = 0;
     for (int k = 0; k < count; k++) {
         if (kept > 0 && found[k].height < found[0].height - 0.15) break;
-        peak one;
-        one.row = row + 2 * (found[k].row + box[0] - top), one.col = col + 2 * (found[k].col + box[2] - left);
+        peak one = {row + 2 * (found[k].row + box[0] - top), col + 2 * (found[k].col + box[2] - left), 0.0};
         one.row = one.row < limit[0] ? limit[0] : one.row > limit[1] ? limit[1] : one.row;
         one.col = one.col < limit[2] ? limit[2] : one.col > limit[3] ? limit[3] : one.col;
         climb(t, 1e-6 * variance * t->count, limit, &one);

@@ -5,6 +5,7 @@ sanitizers. `make flight` compares 1000 points of frames.
 from __future__ import annotations
 
 import copy
+import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,10 +18,12 @@ from helpers.flight_c import CODES, SOURCE, Frame, Reference
 from lcp_cli.main import run
 
 from lcp_catalog.cameras.camera_file import read_camera
+from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.schema import DETECTION_STEP, UNSHADOWED, USABLE, summarise_usable
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.exports.export import export
-from lcp_catalog.exports.flight import FlightFile, stored
+from lcp_catalog.exports.flight import FlightFile
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.point_choice import claimed, directions_to_sun, points_in_view
@@ -28,6 +31,7 @@ from lcp_catalog.matching.point_search import SearchImage
 from lcp_catalog.photometry.laws import surface_law
 
 pytestmark = pytest.mark.skipif(flight_c.COMPILER is None, reason="no C compiler is installed")
+VECTOR = ("vector.lcpf", "vector_camera.txt", "vector.pgm", "vector_expected.txt")
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 
 
@@ -51,11 +55,8 @@ def reference(folder: Path, catalog) -> Reference:
 
 
 @pytest.fixture(scope="module")
-def numbers(folder: Path, catalog, reference) -> np.ndarray:
-    """The number in the file of each row of the catalogue."""
-    ids = FlightFile.of(folder / "site.lcpf").points["point_id"]
-    order = np.argsort(ids)
-    return order[np.searchsorted(ids[order], catalog.point_id)]
+def decoded(folder: Path, catalog, reference) -> tuple[Catalog, list[int]]:
+    return flight_vector.as_stored(catalog, folder / "site.lcpf")
 
 
 def _photograph() -> Frame:
@@ -71,31 +72,19 @@ def _simulated(folder: Path) -> Frame:
     return Frame.of(flight_vector.searched(grey, known), known)
 
 
-@pytest.fixture(scope="module")
-def decoded(folder: Path, catalog, numbers) -> Catalog:
-    """The catalogue with the heights as the file has them."""
-    heights = stored(FlightFile.of(folder / "site.lcpf").points, "heights")
-    out = copy.copy(catalog)
-    vars(out)["dem"] = heights[numbers].astype(np.float32)
-    return out
-
-
 @pytest.mark.parametrize("kind", ["photograph", "simulated"])
-def test_it_finds_what_python_finds(
-    kind: str, catalog, decoded, reference, numbers, folder: Path
-) -> None:
+def test_it_finds_what_python_finds(kind: str, catalog, decoded, reference, folder: Path) -> None:
     """With the heights of the file to the last digits that matter, with those of the catalogue within the rounding."""
     frame = _photograph() if kind == "photograph" else _simulated(folder)
     law = "lunar-lambert" if kind == "photograph" else "lommel-seeliger"
-    every = range(len(catalog))
+    every, (as_stored, numbers) = range(len(catalog)), decoded
 
     def against(given: Catalog, rows: Sequence[int]) -> list[flight_c.Difference]:
         return [
-            flight_c.difference(reference, int(numbers[row]), frame, given, row, law, 32)
-            for row in rows
+            flight_c.difference(reference, numbers[row], frame, given, row, law, 32) for row in rows
         ]
 
-    for one in against(decoded, every[::2]):
+    for one in against(as_stored, every[::2]):
         assert one.found == (one.code == 0)
         assert not one.render_share > 1e-5
         assert not one.match_px > 1e-4
@@ -111,38 +100,91 @@ def test_it_finds_what_python_finds(
     assert sigmas <= 0.05 or kind == "photograph"  # 25 places chosen blindly are too few in it
 
 
-def test_points_in_view_and_their_claims(catalog, reference, folder: Path) -> None:
+def test_points_in_view_and_their_claims(catalog, reference) -> None:
     """Those of the library, for views between, at and beyond those of the catalogue, and for Suns likewise."""
-    stored_id = FlightFile.of(folder / "site.lcpf").points["point_id"]
-    row_of = {int(point_id): row for row, point_id in enumerate(catalog.point_id)}
-    rng, checked, claimed_once = np.random.default_rng(4), 0, 0
+    rng, checked = np.random.default_rng(4), np.zeros(3, np.int64)
     for _ in range(40):
-        place = EnuFrame(flight_vector.CENTRE[0] + rng.uniform(-0.2, 0.2), 26.1, -1500.0)
-        view = (rng.uniform(60e3, 300e3), rng.uniform(0.0, 55.0), rng.uniform(0.0, 360.0), 30.0)
-        camera = twins_match.looking_at(place, *view, rng.uniform(200.0, 900.0), (300, 280))
-        sun = lonlat_to_mcmf(
-            flight_vector.CENTRE[0] + rng.uniform(-85.0, 85.0), rng.uniform(-1.5, 1.5)
-        )
-        camera = replace(camera, sun_position_mcmf_m=1.5e11 * sun / MOON_RADIUS_M)
-        claims = reference.in_view(flight_c.camera_record(camera), 100)
-        rows = np.array([row_of[int(stored_id[k])] for k in claims["point"]], np.int64)
-        assert sorted(rows.tolist()) == points_in_view(catalog, camera).tolist()
-        if not len(rows):
-            continue
-        np.testing.assert_allclose(
-            claims["pixel"], camera.project(catalog.position_mcmf[rows]), atol=1e-9
-        )
-        suns = directions_to_sun(camera, catalog.position_mcmf[rows])
-        stated = claimed(catalog, rows, camera, suns)
-        ours = (stated.detection_probability, claims["probability"])
-        np.testing.assert_allclose(*ours, atol=1e-4)
-        known = np.isfinite(claims["probability"])
-        sigmas = np.stack([stated.sigma_major_m, stated.sigma_minor_m], axis=-1)
-        np.testing.assert_allclose(claims["sigma"][known], sigmas[known], rtol=0.03)
-        np.testing.assert_array_equal(claims["usable"] > 0, stated.usable)
-        checked, claimed_once = checked + len(rows), claimed_once + int(known.sum())
-    assert checked > 300
-    assert 0.2 * checked < claimed_once < checked
+        view = (rng.uniform(60e3, 300e3), rng.uniform(0.0, 55.0))
+        checked += _claims_agree(catalog, reference, _somewhere(rng, view))
+    every, known, _ = checked
+    assert every > 300
+    assert 0.2 * every < known < every
+
+
+def test_claims_between_altitudes_and_near_the_limit(reference, folder: Path) -> None:
+    """Views at three altitudes, of which each leaves some directions to the others; probabilities about the least one of a
+    usable condition, so that the margins between and beyond the evaluated conditions decide.
+    """
+    site = _of_altitudes()
+    export(site, folder / "altitudes.lcpf")
+    other = copy.copy(reference)
+    other.file = np.zeros((), flight_c.FILE)
+    assert other.open((folder / "altitudes.lcpf").read_bytes()) == 0
+    rng, checked = np.random.default_rng(5), np.zeros(3, np.int64)
+    for _ in range(250):
+        view = (10.0 ** rng.uniform(4.2, 5.8), rng.uniform(0.0, 65.0))
+        checked += _claims_agree(site, other, _somewhere(rng, view))
+    every, known, usable = checked
+    assert every > 3000
+    assert 0.2 * every < usable < known < every
+
+
+def _somewhere(rng: np.random.Generator, view: tuple[float, float]) -> Camera:
+    """A camera at a distance and an angle off nadir, over the site, with a Sun."""
+    place = EnuFrame(flight_vector.CENTRE[0] + rng.uniform(-0.2, 0.2), 26.1, -1500.0)
+    turn, focal = rng.uniform(0.0, 360.0), rng.uniform(200.0, 900.0)
+    camera = twins_match.looking_at(place, *view, turn, 30.0, focal, (300, 280))
+    sun = flight_vector.CENTRE[0] + rng.uniform(-85.0, 85.0), rng.uniform(-1.5, 1.5)
+    return replace(camera, sun_position_mcmf_m=1.5e11 * lonlat_to_mcmf(*sun) / MOON_RADIUS_M)
+
+
+def _claims_agree(catalog: Catalog, reference: Reference, camera: Camera) -> tuple[int, int, int]:
+    """The points in view, those with a claim, and the usable ones: of the reference and of the library the same."""
+    claims = reference.in_view(flight_c.camera_record(camera), 100)
+    row_of = {int(point_id): row for row, point_id in enumerate(catalog.point_id)}
+    rows = np.array([row_of[reference.id_of(int(k))] for k in claims["point"]], np.int64)
+    assert sorted(rows.tolist()) == points_in_view(catalog, camera).tolist()
+    pixels = camera.project(catalog.position_mcmf[rows])
+    np.testing.assert_allclose(claims["pixel"], pixels, atol=1e-9)
+    suns = directions_to_sun(camera, catalog.position_mcmf[rows])
+    stated = claimed(catalog, rows, camera, suns)
+    np.testing.assert_allclose(stated.detection_probability, claims["probability"], atol=1e-4)
+    known = np.isfinite(claims["probability"])
+    sigmas = np.stack([stated.sigma_major_m, stated.sigma_minor_m], axis=-1)
+    np.testing.assert_allclose(claims["sigma"][known], sigmas[known], rtol=0.03)
+    np.testing.assert_array_equal(claims["usable"] > 0, stated.usable)
+    return len(rows), int(known.sum()), int(stated.usable.sum())
+
+
+def _of_altitudes() -> Catalog:
+    """The site with made-up claims for views at three altitudes."""
+    site, rng = flight_vector.site(5, 0.14), np.random.default_rng(11)
+    far, near = (np.inf, 100.0)
+    views = (
+        (0, 0, far),
+        (30, 0, far),
+        (30, 120, far),
+        (30, 240, far),
+        (0, 0, near),
+        (35, 90, near),
+    )
+    views += ((50, 45, near), (50, 300, 30.0))
+    off, azimuth, altitude = np.array(views, np.float64).T
+    shape = (len(site), 3, len(views), len(site.sun_elevation), len(site.sun_azimuth))
+    probability = np.rint(rng.uniform(0.86, 0.996, shape) / DETECTION_STEP) * DETECTION_STEP
+    condition = np.full((shape[0], *shape[2:]), USABLE, np.uint8)
+    condition[probability[:, 0] < site.min_detection] -= 2  # not localizable
+    condition[rng.uniform(size=condition.shape) < 0.1] &= ~np.uint8(UNSHADOWED)
+    condition[rng.uniform(size=condition.shape) < 0.05] = 0
+    probability[np.broadcast_to((condition == 0)[:, None], shape)] = np.nan
+    major = rng.uniform(5.0, 30.0, shape) + 0.0 * probability
+    low, high = summarise_usable(condition, site.sun_elevation)
+    return replace(
+        site, view_off_nadir=off, view_azimuth=azimuth, view_altitude=altitude, condition=condition,
+        detection_probability=probability, sigma_major=major, sigma_minor=0.5 * major,
+        sigma_angle=rng.uniform(0.0, 180.0, shape) + 0.0 * probability, sun_elevation_min=low,
+        sun_elevation_max=high, coverage=replace(site.coverage, usable=None),
+    )  # fmt: skip
 
 
 def test_of_many_points_the_likeliest_are_listed(reference) -> None:
@@ -198,11 +240,25 @@ def test_its_source_stays_small() -> None:
         assert word not in text
 
 
-def test_its_own_vector(tmp_path: Path) -> None:
+def test_it_calls_nothing_but_mathematics_and_never_itself(tmp_path: Path) -> None:
+    made = flight_c.compiled([SOURCE / "lcpf.c"], tmp_path / "lcpf.o", "-O0", "-c")
+    lines = subprocess.check_output(["nm", "-u", str(made)], text=True).split()
+    maths = "acos atan2 ceil cos erfc exp expm1 floor fmax fmin fmod hypot log pow sin sqrt"
+    # compilers set arrays by memset themselves
+    assert {*lines[1::2]} <= {*maths.split(), "memcpy", "memset", "__stack_chk_fail"}
+    if "gcc" not in subprocess.check_output([flight_c.COMPILER, "-v"], stderr=-2, text=True):
+        pytest.skip("the graph of calls is gcc's")
+    assert flight_c.stack_bytes(tmp_path, "-O0") < 8000  # of no cycle
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_its_own_vector(compiler: str, tmp_path: Path) -> None:
     """`lcp flight-source`, `make test`; with a wrong place expected it fails."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
     out = tmp_path / "src"
     assert run(["flight-source", "-o", str(out)]) == 0
-    make = ["make", "-C", str(out), "test", f"CC={flight_c.COMPILER}"]
+    make = ["make", "-C", str(out), "test", f"CC={compiler}"]
     assert subprocess.run(make, check=False, capture_output=True).returncode == 0
     expected = out / "vector_expected.txt"
     first, *others = expected.read_text().splitlines()
@@ -212,6 +268,20 @@ def test_its_own_vector(tmp_path: Path) -> None:
     done = subprocess.run(make, check=False, capture_output=True, text=True)
     assert done.returncode != 0
     assert "FAILED: 9 of 9 places, largest difference 0.05" in done.stdout
+
+
+@pytest.mark.parametrize("machine", ["s390x", "mips"])
+def test_its_own_vector_on_a_big_endian_machine(machine: str, tmp_path: Path) -> None:
+    """In emulation, of 64 and of 32 bits."""
+    compiler, emulator = f"{machine}-linux-gnu-gcc", f"qemu-{machine}"
+    if shutil.which(compiler) is None or shutil.which(emulator) is None:
+        pytest.skip(f"{compiler} and {emulator} are not installed")
+    program, code = tmp_path / "example", ["lcpf.c", "lcpf_example.c"]
+    words = [compiler, *flight_c.STRICT, "-O2", "-static", *code, "-o", str(program), "-lm"]
+    subprocess.run(words, cwd=SOURCE, check=True)
+    words = [emulator, str(program), *VECTOR]
+    done = subprocess.run(words, cwd=SOURCE, check=False, capture_output=True, text=True)
+    assert "passed: 9 of 9 places, largest difference 0.000" in done.stdout
 
 
 def test_it_survives_under_sanitizers(tmp_path: Path) -> None:
@@ -231,9 +301,6 @@ def test_it_survives_under_sanitizers(tmp_path: Path) -> None:
     full = flight_c.compiled(
         [SOURCE / "lcpf_example.c", SOURCE / "lcpf.c"], tmp_path / "example", *flags
     )
-    inputs = [
-        str(SOURCE / name)
-        for name in ("vector.lcpf", "vector_camera.txt", "vector.pgm", "vector_expected.txt")
-    ]
+    inputs = [str(SOURCE / name) for name in VECTOR]
     done = subprocess.run([str(full), *inputs], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

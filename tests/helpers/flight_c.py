@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import shutil
 import subprocess
 from collections.abc import Iterable, Sequence
@@ -75,6 +76,29 @@ def compiled(sources: Iterable[Path], out: Path, *flags: str) -> Path:
     return out
 
 
+def calls(folder: Path, *flags: str) -> tuple[dict[str, int], dict[str, set[str]]]:
+    """Bytes on the stack of each function of `lcpf.c`, and the functions that it calls; of gcc only."""
+    compiled([SOURCE / "lcpf.c"], folder / "calls.o", "-c", "-fcallgraph-info=su", *flags)
+    text = (folder / "calls.ci").read_text()
+    nodes = re.findall(
+        r'node: \{ title: "([^"]+)" label: "[^"]*?(\d+) bytes \((?:static|dynamic,bounded)\)', text
+    )
+    edges: dict[str, set[str]] = {}
+    for one, other in re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+        edges.setdefault(one, set()).add(other)
+    return {name: int(size) for name, size in nodes}, edges
+
+
+def stack_bytes(folder: Path, *flags: str) -> int:
+    """The most that a call takes on the stack, without the functions of math.h; RecursionError where a function calls itself."""
+    sizes, edges = calls(folder, *flags)
+
+    def below(name: str) -> int:
+        return sizes.get(name, 0) + max(map(below, edges.get(name, ())), default=0)
+
+    return max(map(below, sizes))
+
+
 class Reference:
     """The functions of the reference, with the memory of one thread."""
 
@@ -108,6 +132,11 @@ class Reference:
         size = ctypes.c_size_t(len(content))
         return self.call("lcpf_open", self.file, self.content, size)
 
+    def id_of(self, number: int) -> int:
+        """The id of a point of the file."""
+        assert self.call("lcpf_load", self.file, ctypes.c_uint32(number), self.point) == 0
+        return int(self.point["id"])
+
     def in_view(self, camera: np.ndarray, most: int) -> np.ndarray:
         claims, count = np.zeros(most, CLAIM), np.zeros((), np.uint32)
         code = self.call("lcpf_in_view", self.file, camera, claims, ctypes.c_uint32(most), count)
@@ -139,6 +168,7 @@ class Difference:
     code: int
     found: bool  # by Python
     render_share: float  # root mean square over the template's pixels, over its mean
+    pixel_share: float  # largest of one pixel, over the mean
     match_px: float
     covariance_share: float  # of the larger variance
     c_seconds: float
@@ -166,20 +196,22 @@ def difference(
     if code == 0:
         code, c_match = reference.match(frame.record, (0, 0), reach)
     c_seconds = thread_time() - start
-    shown, share, off, grown = reference.shown, np.nan, np.nan, np.nan
+    shown, share, pixel, off, grown = reference.shown, np.nan, np.nan, np.nan, np.nan
     if code in (0, 8, 9, 10) and python.shown.shape == (shown["rows"], shown["cols"]):
         pixels = int(shown["rows"] * shown["cols"])
         mask, value = shown["mask"][:pixels] > 0, shown["value"][:pixels]
         there = python.shown.mask.ravel() & mask
         theirs = python.shown.values.ravel()[there]
-        share = float(np.sqrt(np.mean((value[there] - theirs) ** 2)) / theirs.mean())
+        apart = (value[there] - theirs) / theirs.mean()
+        share, pixel = float(np.sqrt(np.mean(apart**2))), float(np.abs(apart).max())
         share = np.inf if (mask != python.shown.mask.ravel()).mean() > 0.02 else share
     if code == 0 and np.isfinite(python.precise[2]):
         off = float(np.hypot(*(c_match["pixel"] - python.pixel)))
         change = np.abs(c_match["covariance"] - python.precise[3:6]).max()
         grown = float(change / python.precise[[3, 5]].max())
     found = bool(np.isfinite(python.precise[2]))
-    return Difference(code, found, share, off, grown, c_seconds, seconds, c_match, python)
+    shares = (share, pixel, off, grown)
+    return Difference(code, found, *shares, c_seconds, seconds, c_match, python)
 
 
 def agreeing(found: Sequence[Difference], slack_px: float = 2.0) -> list[int]:

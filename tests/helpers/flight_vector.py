@@ -4,6 +4,7 @@ finds in it. `python -m tests.helpers.flight_vector FOLDER` writes it anew.
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 from dataclasses import dataclass, replace
@@ -21,7 +22,7 @@ from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.exports.export import export
-from lcp_catalog.exports.flight import KeptConditions
+from lcp_catalog.exports.flight import FlightFile, KeptConditions, stored
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_search import Criteria, SearchImage, _refined, _SearchTask, _sought
@@ -87,6 +88,16 @@ def site(side: int, step_deg: float) -> Catalog:
     names += ("sun_elevation_min", "sun_elevation_max")
     claims = {name: content[name] for name in names}
     return replace(twins_match.catalog_of_dem(lon, lat, 33, GSD_M), **claims)
+
+
+def as_stored(catalog: Catalog, path: Path) -> tuple[Catalog, list[int]]:
+    """The catalogue with the heights as the flight file of it has them, and the number there of each of its rows."""
+    points = FlightFile.of(path).points
+    ids = points["point_id"].tolist()
+    numbers = [ids.index(int(one)) for one in catalog.point_id]
+    out = copy.copy(catalog)
+    vars(out)["dem"] = stored(points, "heights")[numbers].astype(np.float32)
+    return out, numbers
 
 
 def simulated(
