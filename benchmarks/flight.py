@@ -8,6 +8,7 @@ catalogue the rounding of heights is in the difference. Exit code 1 if a limit i
 from __future__ import annotations
 
 import itertools
+import math
 import platform
 import subprocess
 import sys
@@ -117,7 +118,7 @@ def figures(heights: str, name: str, found: list[Difference], sigmas: list[float
         heights, name, len(found), len(both), apart(found), percent(_rms(render), 4),
         percent(render.max(), 3), percent(pixel.max(), 2), f"{_rms(match):.1e}", f"{match.max():.1e}",
         percent(float(np.median(covariance)), 4), percent(covariance.max(), 3), (covariance > 0.02).sum(),
-        f"{np.nanmax(sigmas):.1e}",
+        f"{max([one for one in sigmas if one >= 0.0], default=math.nan):.1e}",
     ]  # fmt: skip
 
 
