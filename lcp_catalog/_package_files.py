@@ -17,6 +17,8 @@ SAMPLE_FILES = (
     "AS15-M-0414.png",
     "AS15-M-0414_camera.json",
     "goniometer_synthetic.csv",
+    "sample.ipynb",
+    "own_site.ipynb",
     "pipeline/Makefile",
     "pipeline/site.toml",
 )

@@ -78,6 +78,15 @@ class InputError(LcpError, FileNotFoundError):
     """An input file does not exist, or the system does not read it."""
 
 
+class KindError(LcpError, TypeError):
+    """A value is of another type than is wanted: `not_a`."""
+
+
+def not_a(value: object, name: str, wanted: str) -> KindError:
+    """The error of a parameter whose value is not what is ``wanted``."""
+    return KindError(f"`{name}` must be {wanted}, not {type(value).__name__}")
+
+
 class LabelError(LcpError, ValueError):
     """A product's label is missing or contradicts itself, or its content is not supported."""
 

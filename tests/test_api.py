@@ -89,7 +89,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``west.h5`` and ``east.h5``, which overlap, and ``both.h5``, their merge."""
     folder, config = tmp_path_factory.mktemp("api"), lcp.BuildConfig.from_dict(SMALL)
     for name, lon in (("west.h5", 3.0), ("east.h5", 4.2)):
-        lcp.build_catalog(DEM, folder / name, config=config, center_deg=(lon, 26.0), size_km=75.0)
+        lcp.build_catalog(DEM, folder / name, config=config, center=(lon, 26.0), size_km=75.0)
     lcp.merge([folder / "west.h5", folder / "east.h5"], folder / "both.h5")
     return folder
 
@@ -142,13 +142,13 @@ def test_a_day_with_the_functions(folder: Path, tmp_path: Path) -> None:
     taken = lcp.simulate(
         info.dems,
         camera,
+        angles,
         tmp_path / "frame.png",
-        sun=angles,
         gsd_m=474.0,
         accuracy="draft",
         samples=2,
     )
-    fix = lcp.locate(catalog, taken.image(camera))
+    fix = lcp.locate(catalog, taken.image.with_sensor(camera))
     found = lcp.validate(both, tmp_path / "frame.png", tmp_path / "frame_camera.json")
     (image,) = found.verdict.document()["images"]
     assert fix.verdict == "located" == found.verdict.images[0].located.verdict

@@ -11,13 +11,16 @@ from __future__ import annotations
 import doctest
 import inspect
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers import notebooks
 
 import lcp_catalog as lcp
 from lcp_catalog._package_files import write_sample
 
+ROOT = Path(__file__).resolve().parents[1]
 NAMES = [name for name in lcp.__all__ if name != "__version__"]
 
 
@@ -37,7 +40,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         folder / "hadley_gld100_256ppd.tif",
         folder / "small.h5",
         config=config,
-        center_deg=(3.5, 26.0),
+        center=(3.5, 26.0),
         size_km=80.0,
         gsd_m=474.0,
     )
@@ -75,3 +78,35 @@ def test_example_of(name: str, scene: dict[str, Any]) -> None:
     result = doctest.DocTestRunner(verbose=False).run(test, out=said.append)
     assert result.attempted, "no example"
     assert not said, "".join(said)
+
+
+@pytest.mark.slow
+def test_the_recipes_run(scene: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty lines of a first hour: all blocks of the page, one after the other."""
+    folder = scene["folder"]
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    (folder / "hadley.h5").write_bytes(scene["catalog"].read_bytes())
+    (folder / "dem.tif").write_bytes((folder / "hadley_gld100_256ppd.tif").read_bytes())
+    (folder / "camera.json").write_bytes(scene["camera"].read_bytes())
+    programs = notebooks.cells(ROOT / "docs" / "howto" / "python.md")
+    names: dict[str, Any] = {}
+    shown = notebooks.run(programs, names)
+    assert len(programs) == 10
+    assert 0 < len(names["near"]) < len(names["cat"])
+    assert names["fix"].verdict == "located"
+    assert len(lcp.open_catalog("both.h5")) == len(names["cat"])
+    assert "came" in shown[8] or "difference" in shown[8]
+    assert 'PROJCS["Moon orthographic' in shown[9]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sample.ipynb", "own_site.ipynb"])
+def test_the_notebooks_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sample(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    names: dict[str, Any] = {}
+    notebooks.run(notebooks.cells(tmp_path / name), names)
+    assert names["fix"].verdict == "located"
+    assert len(names["cat"]) > 10

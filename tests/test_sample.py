@@ -19,6 +19,7 @@ from lcp_catalog.errors import OutputError, OutputExistsError
 
 ROOT = Path(__file__).resolve().parents[1]
 CODE = {"Makefile", "pipeline/Makefile", "hadley.toml", "pipeline/site.toml", "PROVENANCE.txt"}
+CODE |= {"sample.ipynb", "own_site.ipynb"}
 """Files of the sample that are no data."""
 
 

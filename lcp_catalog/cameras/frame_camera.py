@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import instants
-from ..errors import CameraError, SunError, unknown_keys
+from ..errors import CameraError, KindError, SunError, unknown_keys
 from ..geometry.frames import EnuFrame
 from ..geometry.rotations import by_vector
 from .distortion import FocalPlane, Lens, NoLens, OpenCV, lens_from_json
@@ -106,10 +106,13 @@ class Camera(FullSensor):
             self._require_time()
 
     def _require_time(self) -> None:
-        if not isinstance(self.time_utc, str):
-            self._refuse("time_utc", "must be text like 2024-01-01T00:00:00")
         try:
-            instants(self.time_utc)
+            assert self.time_utc is not None
+            labels = instants(self.time_utc).labels()
+            if not isinstance(self.time_utc, str):
+                self._put("time_utc", labels[0])
+        except KindError:
+            self._refuse("time_utc", "must be text like 2024-01-01T00:00:00")
         except SunError as error:
             raise CameraError(f"{self.name}: time_utc: {error}") from error
 

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ from .layout import (
 )
 from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
 from .schema import COVERAGE_UNKNOWN, NO_CELL, OPTIONAL, PACKED, SCHEMA_VERSION, universal, usable
+
+if TYPE_CHECKING:
+    from .. import Answer, Fix, Uncertainty
 
 CONVENTIONS = "CF-1.11"
 SOFTWARE = "lcp-catalog"
@@ -182,6 +186,8 @@ class Catalog(CatalogParts):
     (True, 3)
     >>> opened.to_dataframe().index.name, opened["condition"].dims
     ('point_id', ('point', 'view', 'sun_elevation', 'sun_azimuth'))
+    >>> near.export(folder / "near.csv") == len(near), opened.query(camera, max=5).usable > 5
+    (True, True)
     """
 
     def __post_init__(self) -> None:
@@ -271,14 +277,104 @@ class Catalog(CatalogParts):
             if name in GROUPS[""]
             else f"has no {name}; there are {', '.join(self.point_variables)}"
         )
-        xarray = package("xarray", "notebook", "a labelled variable")
-        found = self.part(name)
-        dims = GROUPS[""][name].dims
-        coords = {
-            dim: getattr(self, dim, np.arange(size))
-            for dim, size in zip(dims, found.shape, strict=True)
-        }
-        return xarray.DataArray(found, coords, dims, name)
+        return self.to_xarray()[name]
+
+    def to_xarray(self) -> Any:
+        """The variables of the points and conditions as an xarray.Dataset, with their axes, units and the file's
+        attributes. Those of a file are read when they are used, the part that is selected, and checked.
+        MissingPackageError without xarray.
+        """
+        from .notebook import dataset  # noqa: PLC0415  # it imports this module
+
+        return dataset(self)
+
+    def to_geodataframe(self) -> Any:
+        """`to_dataframe` as a geopandas.GeoDataFrame: points of longitude (-180..180), latitude and elevation (m) in
+        IAU_2015:30100, the sphere of the Moon. MissingPackageError without geopandas.
+        """
+        from .notebook import geodataframe  # noqa: PLC0415
+
+        return geodataframe(self)
+
+    def plot(
+        self,
+        what: str | int = "usable_share",
+        ax: Any = None,
+        *,
+        sun: tuple[float, float] | None = None,
+        view: int = 0,
+    ) -> Any:
+        """Draw a map of the points, the claims by Sun, or a patch, into a matplotlib axis, which is returned.
+
+        Parameters
+        ----------
+        what:
+            ``usable_share`` or a variable with one figure a point: map, coloured by it, kilometres from the map's
+            centre. ``claims``: the share of the points that is usable, by Sun. A row: that point's patch.
+        ax:
+            The axis; None: a new one.
+        sun, view:
+            For a patch: azimuth and elevation of the Sun, degrees (None: 90 and 20), and the number of the view; for
+            ``claims`` the view.
+
+        Raises
+        ------
+        CatalogError
+            For a name that is no figure of the points.
+        MissingPackageError
+            Without matplotlib.
+        """
+        from .notebook import plot  # noqa: PLC0415
+
+        return plot(self, what, ax, sun, view)
+
+    # -- short for the functions of the package, which are above this module
+
+    def query(
+        self,
+        camera: Any,
+        sun: Any = None,
+        *,
+        max: int | None = None,  # noqa: A002
+    ) -> Answer:
+        """`lcp_catalog.query` with ``most`` points at the ``max``, for a camera, or its file, and a Sun."""
+        from .. import query  # noqa: PLC0415
+
+        return query(self, camera, sun, most=max)
+
+    def locate(
+        self, image: Any, uncertainty: Uncertainty | None = None, *, camera: Any = None
+    ) -> Fix:
+        """`lcp_catalog.locate` for an image, or its file; without an uncertainty 1 km and 0.1 deg, 1 sigma."""
+        from .. import locate  # noqa: PLC0415
+
+        return locate(self, image, uncertainty, camera=camera)
+
+    def windows(
+        self,
+        center: tuple[float, float],
+        start: Any,
+        stop: Any,
+        step: float | str = "6h",
+        *,
+        camera: Any = None,
+    ) -> Any:
+        """`lcp_catalog.windows` from ``start`` to ``stop`` in steps (`lcp_catalog.instant_range`)."""
+        from .. import instant_range, windows  # noqa: PLC0415
+
+        return windows(self, center, instant_range(start, stop, step), camera=camera)
+
+    def export(self, output: Path | str, *, overwrite: bool = False) -> int:
+        """`lcp_catalog.export` of these points, in the format of the output's ending; their number."""
+        from .. import export  # noqa: PLC0415
+
+        return export(self, output, overwrite=overwrite)
+
+    def report(self, output: Path | str, *, overwrite: bool = False) -> None:
+        """`lcp_catalog.report`: the page of this catalogue."""
+        from .. import report  # noqa: PLC0415
+
+        report(self, output, overwrite=overwrite)
 
     def to_dataframe(self) -> Any:
         """The points as a pandas.DataFrame with a column for each figure of a point, indexed by ``point_id``;

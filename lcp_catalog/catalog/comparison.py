@@ -17,6 +17,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Index
 from ..atomic_files import csv_lines, write_aside
+from ..errors import not_a, package
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
 from .layout import GROUPS, TEXT, key
@@ -189,22 +190,33 @@ class Comparison:
         distance of a move, and a column for each variable that differs. Errors as
         `atomic_files.write_aside`.
         """
+        with write_aside(path, overwrite) as aside, aside.open("w", newline="") as file:
+            file.writelines(csv_lines(self._rows()))
+
+    def to_dataframe(self) -> Any:
+        """All points that differ as a pandas.DataFrame with the columns of `write_table`, indexed by ``point_id``.
+        MissingPackageError without pandas.
+        """
+        head, *rows = self._rows()
+        pandas = package("pandas", "notebook", "a data frame")
+        return pandas.DataFrame(rows, columns=head).replace("", None).set_index("point_id")
+
+    def _rows(self) -> Iterator[list[Any]]:
+        """The head of the table, then its rows."""
         names = [f"{name} [{unit(name)}]" if unit(name) else name for name in self.amounts]
         head = ["point_id", "difference", "longitude", "latitude", "former_id", "distance_m"]
-        with write_aside(path, overwrite) as aside, aside.open("w", newline="") as file:
-            file.writelines(csv_lines([head + names]))
-            for kind, documents in (
-                ("came", self.came.documents()),
-                ("went", self.went.documents()),
-                ("moved", self.moves()),
-                ("changed", self.changes()),
-            ):
-                for found in documents:
-                    own = found.get("differences", {})
-                    place = [found["point_id"], kind, found["longitude"], found["latitude"]]
-                    move = [found.get(name, "") for name in head[4:]]
-                    amounts = [_cell(own, name) for name in self.amounts]
-                    file.writelines(csv_lines([[*place, *move, *amounts]]))
+        yield head + names
+        for kind, documents in (
+            ("came", self.came.documents()),
+            ("went", self.went.documents()),
+            ("moved", self.moves()),
+            ("changed", self.changes()),
+        ):
+            for found in documents:
+                own = found.get("differences", {})
+                place = [found["point_id"], kind, found["longitude"], found["latitude"]]
+                move = [found.get(name, "") for name in head[4:]]
+                yield [*place, *move, *(_cell(own, name) for name in self.amounts)]
 
 
 def unit(name: str) -> str:
@@ -469,8 +481,12 @@ CatalogOrPath: TypeAlias = Catalog | Path | str
 
 
 def opened_catalog(catalog: CatalogOrPath, check: bool = True) -> Catalog:
-    """A catalogue, opened if its file is given (`open_catalog`)."""
-    return catalog if isinstance(catalog, Catalog) else open_catalog(catalog, check)
+    """A catalogue, opened if its file is given (`open_catalog`); KindError for anything else."""
+    if isinstance(catalog, Path | str):
+        return open_catalog(catalog, check)
+    if not isinstance(catalog, Catalog):
+        raise not_a(catalog, "catalog", "a Catalog or the path of its file")
+    return catalog
 
 
 def inspect(catalog: Path | str) -> dict[str, Any]:
@@ -515,7 +531,7 @@ def diff(first: CatalogOrPath, second: CatalogOrPath) -> Comparison:
     -------
     Comparison
         ``differs``; ``counts()`` of points by kind; ``moves()`` and ``changes()`` point by point;
-        ``summary()``, a document.
+        ``summary()``, a document; ``to_dataframe()``.
 
     Raises
     ------
@@ -533,14 +549,14 @@ def diff(first: CatalogOrPath, second: CatalogOrPath) -> Comparison:
     return compare(first, second)
 
 
-def report(catalog: Path | str, output: Path | str, *, overwrite: bool = False) -> None:
+def report(catalog: CatalogOrPath, output: Path | str, *, overwrite: bool = False) -> None:
     """Write the report of a catalogue, one HTML page without external references: map of the points,
     the points under a chosen Sun, their patches, what the catalogue promises.
 
     Parameters
     ----------
     catalog:
-        The file.
+        A catalogue, or its file.
     output:
         The page, .html.
     overwrite:

@@ -290,12 +290,16 @@ HOLES = {
 """Symbol and meaning of a spacing cell without a point."""
 
 
-def write_report(catalog_path: Path | str, output: Path | str, overwrite: bool = False) -> None:
-    """Write the report of a catalogue. Raises CatalogError for a catalogue that cannot be read, and
+def write_report(
+    catalog: Catalog | Path | str, output: Path | str, overwrite: bool = False
+) -> None:
+    """Write the report of a catalogue, or of its file. Raises CatalogError for a catalogue that cannot be read, and
     the errors of `atomic_files.check_output`.
     """
-    check_output(output, overwrite, [catalog_path])
-    html = render_report(open_catalog(catalog_path), Path(catalog_path).name)
+    path = catalog.path if isinstance(catalog, Catalog) else catalog
+    check_output(output, overwrite, [] if path is None else [path])
+    opened = catalog if isinstance(catalog, Catalog) else open_catalog(catalog)
+    html = render_report(opened, "in memory" if path is None else Path(path).name)
     write_bytes(output, html.encode("utf-8"), overwrite)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ..errors import not_a
 from .coverage import MOON_KM2, Band, SetCoverage, set_coverage, set_disagreements
 from .dem import Dem
 from .mosaic import DemSet, Disagreement, height_at
@@ -32,6 +33,8 @@ def dem_set(dem: Dems, product_order: Sequence[str] = ()) -> DemSet:
     ------
     DemError, LabelError
         For the first file that cannot be opened.
+    KindError
+        For what is no path.
 
     Examples
     --------
@@ -41,14 +44,18 @@ def dem_set(dem: Dems, product_order: Sequence[str] = ()) -> DemSet:
     """
     if isinstance(dem, DemSet):
         return dem
-    return DemSet.open(dem, product_order)
+    return DemSet.open(dem_paths(dem), product_order)
 
 
 def dem_paths(dem: Dems) -> tuple[Path, ...]:
-    """The files of DEMs, without those beside them such as labels."""
+    """The files of DEMs, without those beside them such as labels. KindError for what is no path."""
     if isinstance(dem, DemSet):
         return tuple(one.path for one in dem.dems)
-    return tuple(Path(path) for path in ([dem] if isinstance(dem, Path | str) else dem))
+    paths = [dem] if isinstance(dem, Path | str) or not isinstance(dem, Iterable) else dem
+    for path in paths:
+        if not isinstance(path, Path | str):
+            raise not_a(path, "dem", "the path of a DEM, several paths, or a DemSet")
+    return tuple(Path(path) for path in paths)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,17 +5,17 @@ from __future__ import annotations
 import datetime as dt
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import erfa
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..errors import SunError
+from ..errors import SunError, not_a
 
 FIRST_YEAR, LAST_YEAR = 1900, 2099
 """First and last year in which the Earth's series (epv00 of ERFA) is valid."""
@@ -100,39 +100,49 @@ def utc_of_ephemeris_time(seconds: float) -> str:
     )
 
 
-Times: TypeAlias = (
-    Instants | str | dt.datetime | Sequence[str | dt.datetime] | NDArray[np.datetime64]
-)
-"""Types accepted as instants. A time without a time zone is UTC; datetime64 has no leap seconds."""
+@runtime_checkable
+class AstropyTime(Protocol):
+    """What is used of astropy.time.Time."""
+
+    isscalar: bool
+    utc: Any
+
+
+Time: TypeAlias = str | dt.datetime | np.datetime64 | AstropyTime
+"""An instant. One without a time zone is UTC; datetime64 has no leap seconds."""
+
+Times: TypeAlias = Instants | Time | Sequence[Time] | NDArray[np.datetime64]
+"""One instant or several."""
 
 
 def instants(times: Times) -> Instants:
     """One or many instants.
 
-    SunError for an invalid time, a year outside 1900-2099, or a second 60 that is not a leap
+    KindError for what is no time, SunError for an invalid time, a year outside 1900-2099, or a second 60 that is not a leap
     second.
     """
     if isinstance(times, Instants):
         return times
-    if isinstance(times, str | dt.datetime):
-        times = [times]
-    if isinstance(times, np.ndarray):
+    if isinstance(times, np.ndarray) and times.dtype.kind == "M":
         return _checked(times.astype("M8[us]"))
-    parsed = [_civil(time) for time in times]
+    one = isinstance(times, str) or getattr(times, "isscalar", not isinstance(times, Iterable))
+    every: Any = [times] if one else times
+    parsed = [_civil(time) for time in every]
     civil = np.array([time for time, _ in parsed], dtype="M8[us]")
     return Instants(civil, np.array([leap for _, leap in parsed], dtype=np.int64))
 
 
-def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: float) -> Instants:
+def instant_range(start: Time, stop: Time, step_s: float | str) -> Instants:
     """A range of instants in equal steps of calendar time: a day from midnight ends at midnight, with or
     without a leap second.
 
     Parameters
     ----------
     start, stop:
-        First and last instant, UTC; ``stop`` is included if a step falls on it.
+        First and last instant, UTC: ISO text, datetime, datetime64 or astropy's; ``stop`` is included if a step falls on
+        it.
     step_s:
-        Step, seconds.
+        Step, seconds, or text such as ``6h`` (`step_seconds`).
 
     Raises
     ------
@@ -141,7 +151,7 @@ def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: flo
 
     Examples
     --------
-    >>> len(lcp.instant_range("2026-03-01", "2026-03-02", 3600.0))
+    >>> len(lcp.instant_range("2026-03-01", "2026-03-02", "1h"))
     25
     """
     (first, leap1), (last, leap2) = _civil(start), _civil(stop)
@@ -149,6 +159,7 @@ def instant_range(start: str | dt.datetime, stop: str | dt.datetime, step_s: flo
         raise SunError("a range cannot start or stop in a leap second")
     if last < first:
         raise SunError(f"the range stops at {stop}, before it starts at {start}")
+    step_s = step_seconds(step_s) if isinstance(step_s, str) else step_s
     step_us = round(step_s * 1e6)
     if step_us < 1:
         raise SunError(f"invalid step: {step_s} s")
@@ -176,9 +187,15 @@ def step_seconds(text: str) -> float:
     return seconds
 
 
-def _civil(time: str | dt.datetime) -> tuple[dt.datetime, int]:
+def _civil(time: Time) -> tuple[dt.datetime, int]:
     """UTC without time zone, and 1 for a leap second, else 0."""
     leap = 0
+    if isinstance(time, np.datetime64):
+        time = str(time.astype("M8[us]"))
+    elif isinstance(time, AstropyTime):
+        utc = time.utc
+        utc.precision = 6
+        time = str(utc.isot)
     stated = time
     if isinstance(time, str):
         text, leap = _LEAP.subn(r"\g<1>59", time.strip(), count=1)
@@ -187,6 +204,8 @@ def _civil(time: str | dt.datetime) -> tuple[dt.datetime, int]:
         except ValueError as error:
             why = "" if "isoformat" in str(error) else f": {error}"
             raise SunError(f"invalid time: {stated!r} (like 2024-01-01T00:00:00){why}") from error
+    if not isinstance(time, dt.datetime):
+        raise not_a(time, "time", "ISO text, a datetime, a datetime64 or a time of astropy")
     _require_year(time.year, 1)  # a zone may overflow the calendar
     if time.tzinfo is not None:
         time = time.astimezone(dt.UTC).replace(tzinfo=None)

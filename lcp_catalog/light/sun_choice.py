@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import Array
 from ..cameras.sensor import Sensor
 from ..ephemeris import solar_position
-from ..ephemeris.times import instants
+from ..ephemeris.times import AstropyTime, Time, instants
 from ..errors import SunError
 from ..geometry.frames import EnuFrame
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
@@ -34,12 +34,14 @@ class SunChoice:
 
     azimuth_deg: float | None = None
     elevation_deg: float | None = None
-    time_utc: str | None = None
+    time_utc: str | None = None  # given as any `times.Time`
     subsolar_deg: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if (self.azimuth_deg is None) != (self.elevation_deg is None):
             raise SunError("`sun_azimuth_deg` and `sun_elevation_deg` go together")
+        if self.time_utc is not None and not isinstance(self.time_utc, str):
+            object.__setattr__(self, "time_utc", instants(self.time_utc).labels()[0])
         stated = (self.azimuth_deg, self.time_utc, self.subsolar_deg)
         if sum(value is not None for value in stated) > 1:
             raise SunError(
@@ -58,7 +60,7 @@ class SunChoice:
         """
         if isinstance(sun, SunChoice):
             return sun
-        if isinstance(sun, dt.datetime | np.datetime64):
+        if isinstance(sun, dt.datetime | np.datetime64 | AstropyTime):
             return cls.at(sun)
         if sun is None or isinstance(sun, str):
             return cls(time_utc=sun)
@@ -69,12 +71,11 @@ class SunChoice:
         return cls(float(sun[0]), float(sun[1]))
 
     @classmethod
-    def at(cls, time: str | dt.datetime | np.datetime64) -> SunChoice:
-        """The Sun at an instant, UTC if it has no time zone: ISO text, datetime or datetime64. SunError for an
-        invalid time.
+    def at(cls, time: Time) -> SunChoice:
+        """The Sun at an instant, UTC if it has no time zone: ISO text, datetime, datetime64 or astropy's. SunError
+        for an invalid time, KindError for another type.
         """
-        given = np.array([time]) if isinstance(time, np.datetime64) else time
-        return cls(time_utc=instants(given).labels()[0])
+        return cls(time_utc=instants(time).labels()[0])
 
     @property
     def is_stated(self) -> bool:
@@ -142,5 +143,5 @@ class SunChoice:
 Sun = SunChoice
 """Short name for notebooks: `Sun.at`."""
 
-SunStated: TypeAlias = SunChoice | tuple[float, float] | str | dt.datetime | np.datetime64 | None
+SunStated: TypeAlias = SunChoice | tuple[float, float] | Time | None
 """A Sun as public functions take it: `SunChoice.of`."""

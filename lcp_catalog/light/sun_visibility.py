@@ -28,7 +28,7 @@ from .solar_disc import SolarDisc, share_at_points
 
 
 def sun_at(
-    center_deg: tuple[float, float],
+    center: tuple[float, float],
     times: Times,
     *,
     height_m: float = 0.0,
@@ -44,7 +44,7 @@ def sun_at(
 
     Parameters
     ----------
-    center_deg:
+    center:
         Longitude and latitude of the place, degrees.
     times:
         One instant (ISO text, UTC, or datetime), several, or `Instants`, 1900 to 2099.
@@ -68,7 +68,7 @@ def sun_at(
     >>> round(float(sun.azimuth_deg[0]), 1), round(float(sun.elevation_deg[0]), 1)
     (96.5, 13.5)
     """
-    lon_deg, lat_deg = center_deg
+    lon_deg, lat_deg = center
     if dem is None:
         return sun_table(EnuFrame(lon_deg, lat_deg, height_m), times)
     return sun_over_ground(dem_set(dem), lon_deg, lat_deg, times, height_m, gsd_m)

@@ -20,6 +20,7 @@ from ..cameras.public import SensorOrPath
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
+from ..errors import not_a
 from ..images.image import Image
 from ..images.image_file import open_image
 from ..landmarks.located import SIGNIFICANT, log10_false_alarms
@@ -146,7 +147,7 @@ USUAL = Uncertainty(position_m=1000.0, attitude_rad=math.radians(0.1))
 def locate(
     catalog: CatalogOrPath,
     image: Image | Path | str,
-    uncertainty: Uncertainty = USUAL,
+    uncertainty: Uncertainty | None = None,
     model: Reflectance | str = DEFAULT_MODEL,
     options: Options = Options(),
     *,
@@ -162,7 +163,7 @@ def locate(
     image:
         An image with its sensor and Sun (`open_image`), or its file.
     uncertainty:
-        1 sigma of the sensor's position and attitude; default: 1 km and 0.1 deg.
+        1 sigma of the sensor's position and attitude; None: 1 km and 0.1 deg.
     model:
         Reflectance law of the renders, or its name.
     options:
@@ -189,8 +190,13 @@ def locate(
     (True, True)
     """
     catalog, law = opened_catalog(catalog), law_of(model) or DEFAULT_MODEL
+    uncertainty = uncertainty or USUAL
     if isinstance(image, Path | str):
         image = open_image(image, camera)
+    if not isinstance(image, Image):
+        raise not_a(
+            image, "image", "an Image (of a simulated frame `image`) or the path of its file"
+        )
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
     area = area.only(np.isin(area.points, at_one_scale(catalog, area.points, image.sensor)))
     working = working_image(catalog, image, area.points)

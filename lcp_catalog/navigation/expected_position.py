@@ -475,8 +475,8 @@ def _length(covariance: Array | None) -> float | None:
 def query(
     catalog: CatalogOrPath,
     camera: SensorOrPath,
-    *,
     sun: SunStated = None,
+    *,
     most: int | None = None,
     attitude_sigma_deg: float = math.inf,
     height_sigma_m: float | None = None,

@@ -55,7 +55,7 @@ class Site:
         if not len(found):
             raise CatalogError(
                 f"no point of the catalogue lies within the {self.size_m / 1e3:g} km around longitude "
-                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger `size_km`, or another `center_deg` "
+                f"{self.frame.lon_deg:g}, latitude {self.frame.lat_deg:g}: give a larger `size_km`, or another `center` "
                 f"(the first of {len(catalog)} lies at longitude {catalog.longitude[0]:.2f}, latitude {catalog.latitude[0]:.2f})"
             )
         return found
@@ -189,7 +189,7 @@ def _sun_at(frame: EnuFrame, times: Instants) -> Array:
 
 def windows(
     catalog: CatalogOrPath,
-    center_deg: tuple[float, float],
+    center: tuple[float, float],
     times: Times,
     *,
     size_km: float = 60.0,
@@ -206,7 +206,7 @@ def windows(
     ----------
     catalog:
         A catalogue, or its file.
-    center_deg:
+    center:
         Longitude and latitude of the site, degrees.
     times:
         Instants (`instant_range` makes a range of them).
@@ -241,7 +241,7 @@ def windows(
     >>> found.usable.shape, found.points > 0
     ((31,), True)
     """
-    lon_deg, lat_deg = center_deg
+    lon_deg, lat_deg = center
     place, when = EnuFrame(lon_deg, lat_deg), instants(times)
     opened = opened_catalog(catalog, check=False)
     if camera is not None:

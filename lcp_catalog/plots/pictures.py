@@ -10,12 +10,14 @@ import base64
 import math
 import struct
 import zlib
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import AnyArray, Array, Bytes
+from ..errors import package
 
 HEIGHT_PX = 9
 """Height of a capital letter."""
@@ -143,3 +145,8 @@ def grey(values: ArrayLike, like: ArrayLike | None = None) -> NDArray[np.uint8]:
         pixels[known, 0] = np.clip(stretched, 0, 255).astype(np.uint8)
         pixels[known, 1] = 255
     return pixels
+
+
+def new_axis() -> Any:
+    """An axis of matplotlib in a figure of its own. MissingPackageError without matplotlib."""
+    return package("matplotlib.pyplot", "notebook", "a plot").subplots(layout="constrained")[1]

@@ -186,10 +186,11 @@ def _submit(
 
 @contextmanager
 def children_start() -> Iterator[None]:
-    """Processes that start in the block never import from the working folder. They never get Ctrl-C or the
-    end of the terminal, which their parent handles (a signal that comes meanwhile: after the block).
+    """Processes that start in the block import neither from the working folder nor the program that runs, which
+    need not guard its first lines (``if __name__ == "__main__"``). They never get Ctrl-C or the end of the terminal, which
+    their parent handles (a signal that comes meanwhile: after the block).
     """
-    with safe_path():
+    with safe_path(), _unnamed_program():
         if not hasattr(signal, "pthread_sigmask"):  # Windows
             yield
             return
@@ -198,6 +199,18 @@ def children_start() -> Iterator[None]:
             yield
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _unnamed_program() -> Iterator[None]:
+    """By these two names multiprocessing finds the program, to import it in each process."""
+    program = vars(sys.modules["__main__"])
+    named: dict[str, Any] = {n: program[n] for n in ("__spec__", "__file__") if n in program}
+    program.update(dict.fromkeys(named))
+    try:
+        yield
+    finally:
+        program.update(named)
 
 
 def _begin_worker() -> None:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output
 from ..catalog.catalogue import Catalog
+from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.layout import packing
 from ..catalog.maps import overview_levels, usable_nearby
 from ..catalog.model import BLOCK_BYTES, Coverage, Overview, Promise
@@ -27,8 +29,7 @@ from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.promise import merged_promise
 from ..catalog.schema import PACKED, levels, usable
 from ..catalog.stored import content_sha256
-from ..catalog.verification import open_catalog
-from ..catalog.writing import new_catalog
+from ..catalog.writing import new_catalog, write_catalog
 from ..errors import CatalogError, ConfigError, printable
 from ..geometry.bounds import enclosing_bounds, turned_deg
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
@@ -166,8 +167,13 @@ class _Input:
     builds: list[Origin]
 
     @classmethod
-    def of(cls, path: Path | str) -> _Input:
-        catalog = open_catalog(path)
+    def of(cls, catalog: CatalogOrPath, folder: Path) -> _Input:
+        """One in memory is written into a ``folder`` first: the file's digest is what counts."""
+        path = catalog.path if isinstance(catalog, Catalog) else catalog
+        if path is None:
+            path = folder / f"memory-{len(list(folder.iterdir()))}.h5"
+            write_catalog(opened_catalog(catalog), path)
+        catalog = opened_catalog(path)
         digest = content_sha256(catalog)
         itself = Origin(printable(Path(path).name), digest, len(catalog), {})
         try:
@@ -213,9 +219,9 @@ class _Input:
 
 
 def merge_catalogs(
-    paths: Sequence[Path | str], output: Path | str, overwrite: bool = False
+    catalogs: Sequence[CatalogOrPath], output: Path | str, overwrite: bool = False
 ) -> MergeReport:
-    """Join catalogues into one and write it to ``output``. Their order does not change it.
+    """Join catalogues, or files of them, into one and write it to ``output``. Their order does not change it.
 
     Of points with the same id one is kept, and of points of the same level (`schema.levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
@@ -227,15 +233,17 @@ def merge_catalogs(
     OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
-    check_output(output, overwrite, paths)
-    inputs = [_Input.of(path) for path in paths]
-    for other in inputs[1:]:
-        _require_compatible(inputs[0], other)
-    inputs.sort(key=lambda one: (one.digest, one.builds[0].name), reverse=True)
-    different = {one.digest: one for one in inputs}
-    merge = _Merge([different[digest] for digest in sorted(different)])
-    merge.require_agreement()
-    merge.write(output, overwrite)
+    paths = [one.path if isinstance(one, Catalog) else one for one in catalogs]
+    check_output(output, overwrite, [path for path in paths if path is not None])
+    with TemporaryDirectory() as folder:
+        inputs = [_Input.of(one, Path(folder)) for one in catalogs]
+        for other in inputs[1:]:
+            _require_compatible(inputs[0], other)
+        inputs.sort(key=lambda one: (one.digest, one.builds[0].name), reverse=True)
+        different = {one.digest: one for one in inputs}
+        merge = _Merge([different[digest] for digest in sorted(different)])
+        merge.require_agreement()
+        merge.write(output, overwrite)
     return merge.report
 
 

@@ -22,13 +22,14 @@ import numpy as np
 
 from ..atomic_files import check_output, file_facts
 from ..cameras.public import SensorOrPath, any_sensor
+from ..catalog.comparison import CatalogOrPath
 from ..catalog.schema import COVERAGE_STATUS
 from ..catalog.verification import open_catalog
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_paths
 from ..ephemeris.solar_position import highest_sun_deg
-from ..errors import AreaError, AreaFailedError, ConfigError, SunError
+from ..errors import AreaError, AreaFailedError, ConfigError, SunError, not_a
 from ..photometry.facet_model import law_file
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, warn_of_region
@@ -404,9 +405,9 @@ def planned_build(
     dem: Dems,
     config: BuildConfig | Path | str | None = None,
     *,
-    center_deg: tuple[float, float] | None = None,
+    center: tuple[float, float] | None = None,
     size_km: float | None = None,
-    bounds_deg: tuple[float, float, float, float] | None = None,
+    bounds: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
     cameras: Sequence[SensorOrPath] = (),
     memory_gb: float | None = None,
@@ -415,10 +416,12 @@ def planned_build(
     config = config or BuildConfig()
     if isinstance(config, Path | str):
         config = BuildConfig.from_toml(Path(config))
+    if not isinstance(config, BuildConfig):
+        raise not_a(config, "config", "a BuildConfig or the path of a BUILD.toml")
     given: dict[str, object] = {
-        "area.center_deg": None if center_deg is None else tuple(center_deg),
+        "area.center_deg": None if center is None else tuple(center),
         "area.size_km": size_km,
-        "area.bounds_deg": None if bounds_deg is None else tuple(bounds_deg),
+        "area.bounds_deg": None if bounds is None else tuple(bounds),
         "area.gsd_m": gsd_m,
         "dem.product_order": (isinstance(dem, DemSet) and dem.order) or None,
     }
@@ -432,9 +435,9 @@ def build_catalog(
     output: Path | str,
     *,
     config: BuildConfig | Path | str | None = None,
-    center_deg: tuple[float, float] | None = None,
+    center: tuple[float, float] | None = None,
     size_km: float | None = None,
-    bounds_deg: tuple[float, float, float, float] | None = None,
+    bounds: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
     cameras: Sequence[SensorOrPath] = (),
     jobs: int = 1,
@@ -459,10 +462,10 @@ def build_catalog(
         The catalogue, .h5.
     config:
         Suns, views, points, errors and model: a `BuildConfig`, or a BUILD.toml. None: the defaults.
-    center_deg, size_km:
+    center, size_km:
         Longitude and latitude of the region's centre, degrees, and its side; in place of the
         configuration's region. Without a region: the whole DEM.
-    bounds_deg:
+    bounds:
         Or its west, south, east, north, degrees.
     gsd_m:
         Cell size, in place of the configuration's; None: by the DEM's effective resolution.
@@ -509,7 +512,7 @@ def build_catalog(
     ... })
     >>> dem = folder / "hadley_gld100_256ppd.tif"
     >>> report = lcp.build_catalog(
-    ...     dem, folder / "one.h5", config=config, center_deg=(3.5, 26.0), size_km=15, gsd_m=240
+    ...     dem, folder / "one.h5", config=config, center=(3.5, 26.0), size_km=15, gsd_m=240
     ... )
     >>> report.points > 0, report.failed
     (True, {})
@@ -517,9 +520,9 @@ def build_catalog(
     build = planned_build(
         dem,
         config,
-        center_deg=center_deg,
+        center=center,
         size_km=size_km,
-        bounds_deg=bounds_deg,
+        bounds=bounds,
         gsd_m=gsd_m,
         cameras=cameras,
         memory_gb=memory_gb,
@@ -537,7 +540,7 @@ def build_catalog(
 
 
 def merge(
-    catalogs: Sequence[Path | str], output: Path | str, *, overwrite: bool = False
+    catalogs: Sequence[CatalogOrPath], output: Path | str, *, overwrite: bool = False
 ) -> MergeReport:
     """Join catalogues of neighbouring regions, or of several cell sizes, into one without doubles.
     Their order does not change it.
@@ -548,7 +551,7 @@ def merge(
     Parameters
     ----------
     catalogs:
-        Files with the same Suns, views, image scales, patch sizes and errors.
+        Catalogues, or their files, with the same Suns, views, image scales, patch sizes and errors.
     output:
         The joined catalogue, .h5.
     overwrite:

@@ -99,7 +99,7 @@ def place_on_sphere(request: Request) -> SpherePlace:
         )
     if extent is None:
         raise AreaError(
-            "nodes need an area: state `center_deg` and `size_km`, or `bounds_deg`; "
+            "nodes need an area: state `center` and `size_km`, or `bounds`; "
             "or `frame` camera for all that the camera sees"
         )
     require_room(NodeWindow.covering(extent, gsd_m))
@@ -122,7 +122,7 @@ def _sphere_part(request: Request) -> tuple[EnuFrame, Extent | None]:
     if area is not None:
         return area.frame, area.extent_m
     if camera is None:
-        raise AreaError("no area: state `center_deg` and `size_km`, or `bounds_deg`, or a `camera`")
+        raise AreaError("no area: state `center` and `size_km`, or `bounds`, or a `camera`")
     require_above(camera.name, float(sphere_intersection.heights(camera.position_mcmf_m)))
     width, height = camera.image_size_px
     _, middle = sphere_intersection.hits(
@@ -207,7 +207,7 @@ def _box_area(box: Bounds, request: Request) -> Area:
             return Area(0.0, pole, min(size_km, _EXTENT_MAX_M / 1e3))
     wider = "" if request.surface == "sphere" else f", or {_WIDER}"
     raise AreaError(
-        f"{box} does not fit into one plane: state `center_deg` and `size_km`, or `bounds_deg`{wider}"
+        f"{box} does not fit into one plane: state `center` and `size_km`, or `bounds`{wider}"
     )
 
 
@@ -261,7 +261,7 @@ def _require_extent(extent_m: Extent) -> None:
     if max(width, height) > _EXTENT_MAX_M * (1 + 1e-9):
         raise AreaError(
             f"{width / 1e3:.0f} x {height / 1e3:.0f} km do not fit into one plane "
-            f"(limit {_EXTENT_MAX_M / 1e3:.0f} km): state a smaller `size_km` or `bounds_deg`, or {_WIDER}"
+            f"(limit {_EXTENT_MAX_M / 1e3:.0f} km): state a smaller `size_km` or `bounds`, or {_WIDER}"
         )
 
 

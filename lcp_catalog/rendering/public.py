@@ -13,6 +13,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,7 @@ from .scene import Scene
 TILE = 256
 _GAMMA = 1.2
 _WHITE_PERCENTILE = 99.5
+_NODES = 500
 
 
 def orthographic_crs(frame: EnuFrame) -> rasterio.CRS:
@@ -176,13 +178,21 @@ def encode(scene: Scene, result: Rendering) -> bytes:
         colours = _add_colours(bands, units, result)
         return geotiff(bands, "float64", tags(scene), units=units, colours=colours)
     assert result.height_m is not None
+    placed = georeferenced(scene, result)
     bands["height"] = result.height_m
     units.append("metre")
     colours = _add_colours(bands, units, result)
-    assert scene.gsd_m is not None
+    return geotiff(bands, "float32", tags(scene), placed.crs, placed.transform, units, colours)
+
+
+def georeferenced(scene: Scene, result: Rendering) -> Rendering:
+    """The result with its frame and, for nodes, transform and CRS."""
+    if result.height_m is None or scene.gsd_m is None:
+        return replace(result, frame=scene.frame)
     transform = node_transform(*scene.corner_m, scene.gsd_m)
-    crs = orthographic_crs(scene.frame)
-    return geotiff(bands, "float32", tags(scene), crs, transform, units, colours)
+    return replace(
+        result, frame=scene.frame, transform=transform, crs=orthographic_crs(scene.frame)
+    )
 
 
 def _add_colours(
@@ -239,9 +249,9 @@ def render(
     dem: Dems,
     output: Path | str | None = None,
     *,
-    center_deg: tuple[float, float] | None = None,
+    center: tuple[float, float] | None = None,
     size_km: float | None = None,
-    bounds_deg: tuple[float, float, float, float] | None = None,
+    bounds: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
     sun: SunStated = None,
     disc: bool | None = None,
@@ -270,10 +280,10 @@ def render(
         DEM files, or an opened set.
     output:
         Also write the image as GeoTIFF, .tif, with the bands of ``lcp render``.
-    center_deg, size_km:
-        Longitude and latitude of the area's centre, degrees, and its side. Without an area: what the
-        camera sees, else the whole DEM.
-    bounds_deg:
+    center, size_km:
+        Longitude and latitude of the area's centre, degrees, and its side; None: 500 cells. Without an area:
+        what the camera sees, else the whole DEM.
+    bounds:
         In their place: west, south, east, north, degrees.
     gsd_m:
         Cell size; None: the DEM's own.
@@ -313,7 +323,7 @@ def render(
     Rendering
         Bands, each (rows, cols), row 0 north: ``radiance`` (I/F; NaN where nothing is seen),
         ``sunlit``, ``visible``, ``incidence_deg``, ``emission_deg``, ``phase_deg``, ``height_m`` or
-        ``position_mcmf_m``.
+        ``position_mcmf_m``; the area's ``frame`` with ``transform`` and ``crs``; ``plot()``.
 
     Raises
     ------
@@ -324,7 +334,7 @@ def render(
     --------
     >>> image = lcp.render(
     ...     folder / "hadley_gld100_256ppd.tif",
-    ...     center_deg=(3.63, 26.13), size_km=10, sun=(96.5, 14),
+    ...     center=(3.63, 26.13), size_km=10, sun=(96.5, 14),
     ... )
     >>> image.radiance.shape, bool(image.sunlit.mean() > 0.5)
     ((87, 87), True)
@@ -332,11 +342,14 @@ def render(
     if output is not None:
         check_output(output, overwrite)
     seen = None if camera is None else rendered_sensor(camera)
+    dems = dem_set(dem, product_order) if dem else None
+    if center is not None and size_km is None and dems is not None:
+        size_km = 1e-3 * _NODES * (gsd_m or dems.native_gsd_m(center[0], center[1]))
     angles = ViewAngles(off_nadir_deg, view_azimuth_deg, altitude_km)
     scene = prepare(
         Request(
-            dems=dem_set(dem, product_order) if dem else None,
-            area=Area.chosen(center_deg, size_km, bounds_deg),
+            dems=dems,
+            area=Area.chosen(center, size_km, bounds),
             gsd_m=gsd_m,
             sun=SunChoice.of(sun),
             view=ViewChoice(seen or angles),
@@ -353,7 +366,7 @@ def render(
     )
     if output is not None:
         check_output(output, overwrite, scene.sources)
-    image = scene.expose()
+    image = georeferenced(scene, scene.expose())
     if output is not None:
         write_bytes(output, encode(scene, image), overwrite)
     return image

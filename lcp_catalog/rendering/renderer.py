@@ -16,7 +16,7 @@ of the disc: the error of the cosine of incidence is below sin(0.267 deg) = 0.00
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +27,14 @@ from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ParallelView, ScannerView, View, sensor_view
 from ..errors import CameraError
-from ..geometry.frames import mcmf_to_lonlat
+from ..geometry.frames import EnuFrame, mcmf_to_lonlat
 from ..light.bounced_light import bounced_at_points
 from ..light.sky_sampling import sky_at_nodes, sky_at_points
 from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_horizon
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
+from ..plots.pictures import new_axis
 from ..terrain.far_terrain import HorizonPoints
 from ..terrain.occlusion import occluded
 from ..terrain.relief_bounds import nodes_enu
@@ -68,6 +69,9 @@ class Rendering:
     nodes. position_mcmf_m: (rows, cols, 3), for a camera's plane. composite: radiance with the
     background, where there is one (`compositing`). colour: radiance in red, green and blue
     (3, rows, cols) under an albedo map in colour; ``radiance`` is then their luminance.
+
+    `rendering.public.render` adds the area's ``frame`` and, unless the image is a camera's plane, ``transform`` (affine) and
+    ``crs`` (rasterio): x and y are the frame's east and north, metres.
     """
 
     radiance: Band
@@ -80,6 +84,23 @@ class Rendering:
     position_mcmf_m: Array | None = None
     composite: Band | None = None
     colour: Band | None = None
+    frame: EnuFrame | None = None
+    transform: Any = None
+    crs: Any = None
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the radiance into a matplotlib axis, a new one for None, which is returned: kilometres east and north
+        of the centre, or pixels. MissingPackageError without matplotlib.
+        """
+        ax = ax or new_axis()
+        extent, unit = None, "pixels"
+        if self.transform is not None:
+            rows, cols = self.radiance.shape
+            (west, north), (east, south) = self.transform @ (0, 0), self.transform @ (cols, rows)
+            extent, unit = (west / 1e3, east / 1e3, south / 1e3, north / 1e3), "km"
+        ax.imshow(self.radiance, cmap="gray", vmin=0.0, extent=extent, interpolation="nearest")
+        ax.set(xlabel=unit, ylabel=unit)
+        return ax
 
 
 @dataclass(frozen=True)

@@ -122,15 +122,16 @@ class SimulatedFrame:
         known = np.isfinite(self.radiance)
         return np.where(known, step * self.numbers, np.nan).astype(np.float32)
 
-    def image(self, camera: Sensor | None = None, name: str = "simulated") -> Image:
-        """The frame as an image for the search, with ``camera`` as its sensor (None: its own)."""
+    @property
+    def image(self) -> Image:
+        """The frame as an image for the search; `Image.with_sensor` gives it another camera."""
         known = np.isfinite(self.radiance)
         full = known & (self.numbers >= self.detector.highest)
         return Image(
-            name,
+            "simulated",
             self.signal,
             (known & ~full).astype(np.float32),
-            self.camera if camera is None else camera,
+            self.camera,
             sun_position_mcmf_m=self.camera.sun_position_mcmf_m,
             saturated_share=float(full.mean()),
             missing_share=float(1.0 - known.mean()),
@@ -161,7 +162,7 @@ def simulated_image(
     """The image that a request's camera takes of its DEM."""
     surface = DemSurface.seen(request, detector.margin_px)
     assert request.view.plane is not None
-    return frame(surface, request.view.plane, detector, samples).image(name=name)
+    return replace(frame(surface, request.view.plane, detector, samples).image, name=name)
 
 
 def samples_for(cells_per_pixel: float) -> int:

@@ -27,6 +27,7 @@ from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, open_grey_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
+from ..production.error_config import ErrorConfig
 from ..rendering.public import geotiff, png
 from ..rendering.request import Request, ViewChoice
 from .detector import Detector
@@ -76,9 +77,10 @@ def describe(frame: SimulatedFrame) -> dict[str, Any]:
 def simulate(
     source: Dems | Catalog,
     camera: AnySensor | Path | str,
+    sun: SunStated = None,
     output: Path | str | None = None,
     *,
-    sun: SunStated = None,
+    seed: int | None = None,
     disc: bool | None = None,
     environment: Environment | Path | str | None = None,
     bounce: str = "off",
@@ -100,12 +102,15 @@ def simulate(
         DEM files or an opened set, or a catalogue or its file.
     camera:
         Camera, or its file.
-    output:
-        Also write the frame (.png: the detector's numbers; .tif: radiance factor) and, beside it,
-        its camera as ``NAME_camera.json``.
     sun:
         The Sun: its azimuth, degrees clockwise from north, and elevation at the middle of what is seen; or an instant (ISO
         text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
+    output:
+        Also write the frame (.png: the detector's numbers; .tif: radiance factor) and, beside it,
+        its camera as ``NAME_camera.json``.
+    seed:
+        In place of a detector: one of 8 bits with the noise that builds take images to have
+        (`errors.sensor_noise`), from this seed.
     disc:
         True for the solar disc, False for a point; None: as the accuracy says.
     environment:
@@ -139,7 +144,7 @@ def simulate(
     Raises
     ------
     ConfigError
-        For options of DEMs with a catalogue.
+        For options of DEMs with a catalogue, and for a seed beside a detector.
     CameraError
         If the camera sees nothing of the terrain.
     LcpError
@@ -155,6 +160,10 @@ def simulate(
     >>> taken.numbers.shape == small_camera.shape, taken.numbers.dtype
     (True, dtype('uint8'))
     """
+    if seed is not None and detector is not None:
+        raise ConfigError("`seed` and `detector` exclude each other: a Detector has its own seed")
+    if seed is not None:
+        detector = Detector(noise=ErrorConfig().sensor_noise, seed=seed)
     detector = detector or Detector()
     seen = rendered_sensor(camera)
     sun = SunChoice.of(sun)

@@ -52,23 +52,23 @@ class Area:
     @classmethod
     def chosen(
         cls,
-        center_deg: tuple[float, float] | None,
+        center: tuple[float, float] | None,
         size_km: float | None,
-        bounds_deg: tuple[float, float, float, float] | None,
+        bounds: tuple[float, float, float, float] | None,
     ) -> Area | None:
         """The area of a centre and a size, or of bounds, degrees; None for neither. AreaError for both,
         and for a centre without a size.
         """
-        if (center_deg is None) != (size_km is None):
+        if (center is None) != (size_km is None):
             raise AreaError("the centre and the size of an area go together")
-        if center_deg is None:
-            if bounds_deg is None:
+        if center is None:
+            if bounds is None:
                 return None
-            west, south, east, north = bounds_deg
+            west, south, east, north = bounds
             return cls.from_bounds(west, south, east, north)
-        if bounds_deg is not None:
+        if bounds is not None:
             raise AreaError("the centre and the bounds of an area exclude each other")
-        return cls(center_deg[0], center_deg[1], size_km)
+        return cls(center[0], center[1], size_km)
 
     @classmethod
     def from_bounds(cls, west: float, south: float, east: float, north: float) -> Area:

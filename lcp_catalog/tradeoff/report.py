@@ -480,9 +480,9 @@ def trade(
     output: Path | str | None = None,
     *,
     config: BuildConfig | Path | str | None = None,
-    center_deg: tuple[float, float] | None = None,
+    center: tuple[float, float] | None = None,
     size_km: float | None = None,
-    bounds_deg: tuple[float, float, float, float] | None = None,
+    bounds: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
     areas: int = AREAS,
     rounds: int = ROUNDS,
@@ -499,7 +499,7 @@ def trade(
         DEM files, or an opened set.
     output:
         Also write trade.json, trade.html and trade.md into this folder.
-    config, center_deg, size_km, bounds_deg, gsd_m:
+    config, center, size_km, bounds, gsd_m:
         The build, as `build_catalog`; one level of cells.
     areas:
         Number of the build's areas to compute, spread over the region.
@@ -528,7 +528,7 @@ def trade(
     --------
     >>> measured = lcp.trade(
     ...     folder / "hadley_gld100_256ppd.tif", config=small_config, gsd_m=480,
-    ...     center_deg=(3.5, 26.0), size_km=15, areas=1, rounds=1, isolated=False,
+    ...     center=(3.5, 26.0), size_km=15, areas=1, rounds=1, isolated=False,
     ... )
     >>> [row["accuracy"] for row in measured.rows]
     ['draft', 'standard', 'high', 'reference']
@@ -536,9 +536,7 @@ def trade(
     folder = None if output is None else Path(output)
     if folder is not None:
         check_folder(folder, FILES, overwrite)
-    build = planned_build(
-        dem, config, center_deg=center_deg, size_km=size_km, bounds_deg=bounds_deg, gsd_m=gsd_m
-    )
+    build = planned_build(dem, config, center=center, size_km=size_km, bounds=bounds, gsd_m=gsd_m)
     if len(build.levels) > 1:
         raise ConfigError(
             "the configuration has several levels, but the tiers are compared on one cell size: give `area.gsd_m`"

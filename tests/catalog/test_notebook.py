@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import csv
 import datetime as dt
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import catalogs, navigable
+import rasterio
+from astropy.time import Time
+from helpers import catalogs, navigable, posed
 
 import lcp_catalog as lcp
 from lcp_catalog import errors
@@ -94,8 +100,13 @@ def test_a_missing_package_is_one_line(
 def test_a_sun_at_an_instant() -> None:
     text = "2026-03-01T12:00:00"
     utc = dt.datetime(2026, 3, 1, 14, tzinfo=dt.timezone(dt.timedelta(hours=2)))
-    for time in (text, dt.datetime(2026, 3, 1, 12), utc, np.datetime64(text)):
+    of_day = Time(2461100.5, 0.5, format="jd", scale="utc")  # 2026-03-01 noon
+    for time in (text, dt.datetime(2026, 3, 1, 12), utc, np.datetime64(text), of_day, of_day.tdb):
         assert lcp.Sun.at(time) == lcp.SunChoice(time_utc=f"{text}Z")
+        assert lcp.SunChoice(time_utc=time) in (lcp.Sun.at(text), lcp.SunChoice(time_utc=text))
+    assert lcp.instant_range(of_day, "2026-03-02", "6h").labels()[-1] == "2026-03-02T00:00:00Z"
+    with pytest.raises(errors.KindError, match="`time` must be ISO text, a datetime"):
+        lcp.Sun.at(5)  # type: ignore[arg-type]
     assert lcp.SunChoice.of(np.datetime64(text)) == lcp.Sun.at(text)
     with pytest.raises(errors.SunError, match="invalid time: 'noon'"):
         lcp.Sun.at("noon")
@@ -104,3 +115,144 @@ def test_a_sun_at_an_instant() -> None:
 def test_one_dem_is_opened_by_its_name() -> None:
     assert lcp.DemSet.open(str(catalogs.HADLEY)).products == lcp.DemSet.open([catalogs.HADLEY]).products  # fmt: skip
     assert navigable.everywhere_usable(4).path is None
+
+
+def test_a_dataset_is_the_file(tmp_path: Path) -> None:
+    """Judged by xarray's own reading of the file (netCDF-4); nothing is read before it is used."""
+    xarray = pytest.importorskip("xarray")
+    path = tmp_path / "c.h5"
+    write_catalog(catalogs.catalog(20), path)
+    found = lcp.open_catalog(path).to_xarray()
+    lazy = found["dem"].variable._data
+    assert not isinstance(lazy, np.ndarray)
+    with xarray.open_dataset(path, engine="h5netcdf") as judge:
+        for name in found.variables:
+            packed = name.startswith("sigma_m") or name in ("sigma_angle", "detection_probability")
+            assert found[name].dims == judge[name].dims, name
+            ours, its = found[name].values, judge[name].values
+            if packed:  # a multiplication in float32 or float64
+                np.testing.assert_allclose(ours, its, rtol=1e-6)
+            else:
+                np.testing.assert_array_equal(ours, its, err_msg=name)
+            assert name in ("point", "view") or found[name].units == judge[name].attrs.get(
+                "units", "1"
+            )
+        assert found.attrs["config"] == judge.attrs["config"]
+        some = found["dem"].isel(point=[3, 1], patch_row=slice(2, 9, 3))
+        np.testing.assert_array_equal(
+            some, judge["dem"].isel(point=[3, 1], patch_row=slice(2, 9, 3))
+        )
+    memory = catalogs.catalog(20).to_xarray()
+    assert set(memory.variables) == set(found.variables)
+
+
+def test_points_on_the_sphere_of_the_moon(catalog: lcp.Catalog) -> None:
+    table = catalog.to_geodataframe()
+    assert table.crs.to_authority() == ("IAU_2015", "30100")
+    west = catalog.longitude > 180.0
+    np.testing.assert_allclose(table.geometry.x, catalog.longitude - 360.0 * west)
+    np.testing.assert_array_equal(table.geometry.z, catalog.elevation)
+
+
+def test_drawings(catalog: lcp.Catalog, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is drawn is what the catalogue holds; a patch is the render of its heights."""
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    dots = catalog.plot("elevation").collections[0]
+    np.testing.assert_array_equal(dots.get_array(), catalog.elevation)
+    x, y = catalog.overview.plane.places(catalog.position_mcmf)
+    np.testing.assert_allclose(dots.get_offsets(), np.stack([x, y], -1) / 1e3)
+    flags = np.asarray(catalog.condition)[:, 1]
+    with np.errstate(invalid="ignore"):
+        share = (flags == 31).sum(0) / (flags % 2 == 1).sum(0)
+    np.testing.assert_allclose(
+        catalog.plot("claims", view=1).images[0].get_array().filled(np.nan), share
+    )
+    patch = catalog.plot(3, sun=(90.0, 30.0)).images[0].get_array()
+    assert patch.shape == (catalog.patch_nodes, catalog.patch_nodes)
+    with pytest.raises(CatalogError, match="has no dem to plot: it needs a figure of each point"):
+        catalog.plot("dem")
+
+
+def test_methods_are_the_functions(tmp_path: Path) -> None:
+    ground = navigable.everywhere_usable(12)
+    camera = posed.camera()
+    write_catalog(ground, tmp_path / "c.h5")
+    sun = (90.0, 20.0)
+    one, other = ground.query(camera, sun, max=4), lcp.query(tmp_path / "c.h5", camera, sun, most=4)
+    np.testing.assert_array_equal(one.rows, other.rows)
+    assert len(one.rows) == 4
+    assert ground[:5].export(tmp_path / "five.csv") == 5
+    assert len((tmp_path / "five.csv").read_text().splitlines()) == 6
+    ground.report(tmp_path / "memory.html")
+    assert "in memory" in (tmp_path / "memory.html").read_text()
+    lcp.open_catalog(tmp_path / "c.h5").report(tmp_path / "opened.html")
+    lcp.report(tmp_path / "c.h5", tmp_path / "file.html")
+    assert (tmp_path / "opened.html").read_text() == (tmp_path / "file.html").read_text()
+
+
+def test_differences_as_a_table(tmp_path: Path) -> None:
+    made = catalogs.catalog(20)
+    found = lcp.diff(made[:15], made[5:])
+    found.write_table(tmp_path / "t.csv")
+    table = found.to_dataframe()
+    with (tmp_path / "t.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(row["point_id"]) for row in rows] == table.index.tolist()
+    assert [row["difference"] for row in rows] == table["difference"].tolist()
+    assert len(table) >= 10
+
+
+def test_what_is_of_another_kind_is_told(catalog: lcp.Catalog) -> None:
+    camera = posed.camera()
+    for call, text in (
+        (
+            lambda: lcp.query(5, camera, (90, 20)),
+            "`catalog` must be a Catalog or the path of its file, not int",
+        ),
+        (lambda: lcp.query(catalog, [1]), "`camera` must be a Camera, another sensor, or the path"),
+        (
+            lambda: lcp.query_trajectory(catalog, "x.csv", 3.0),
+            "`camera` must be a Camera or the path",
+        ),
+        (lambda: lcp.locate(catalog, np.zeros(3)), "`image` must be an Image .* not ndarray"),
+        (lambda: lcp.render([5.0], sun=(90, 20)), "`dem` must be the path of a DEM, several paths"),
+        (lambda: lcp.dem_info(7), "`dem` must be the path of a DEM, .* not int"),
+        (lambda: lcp.build_catalog("d.tif", "o.h5", config=[1]), "`config` must be a Build"),
+    ):
+        with pytest.raises((TypeError, errors.SunError), match=text):
+            call()
+
+
+def test_a_rendering_knows_its_place(tmp_path: Path) -> None:
+    """Judged by the file that is written with it, read by rasterio."""
+    path = tmp_path / "r.tif"
+    image = lcp.render(catalogs.HADLEY, path, center=(3.5, 26.0), gsd_m=474.0, sun=(90.0, 20.0))
+    assert image.radiance.shape == (501, 501)  # a side of 500 cells
+    with rasterio.open(path) as file:
+        assert file.crs == image.crs
+        assert file.transform == image.transform
+        assert float(file.tags()["center_lon"]) == image.frame.lon_deg == 3.5
+    shown = image.plot().images[0].get_extent()
+    assert shown == pytest.approx([-118.737, 118.737, -118.737, 118.737])
+
+
+def test_a_seed_is_a_detector() -> None:
+    camera = posed.camera()
+    with pytest.raises(errors.ConfigError, match="`seed` and `detector` exclude each other"):
+        lcp.simulate(catalogs.HADLEY, camera, (90, 20), seed=1, detector=lcp.Detector())
+
+
+def test_a_program_needs_no_guard_for_its_processes(tmp_path: Path) -> None:
+    """Workers would import the program that runs and build again."""
+    program = f"""
+import lcp_catalog as lcp
+config = lcp.BuildConfig.from_dict({{"sun": {{"elevations_deg": [15.0], "azimuths_deg": [90.0, 105.0]}},
+    "model": {{"albedo": "none"}}, "view": {{"off_nadir_deg": [0.0], "azimuth_deg": [0.0], "altitude_km": [float("inf")]}},
+    "points": {{"patch_nodes": 17}}}})
+done = lcp.build_catalog({str(catalogs.HADLEY)!r}, "c.h5", config=config, bounds=(3, 25.6, 5, 26.4), gsd_m=474.0, jobs=2)
+print("areas", done.areas)
+"""
+    (tmp_path / "program.py").write_text(program)
+    ran = subprocess.run([sys.executable, "program.py"], check=False, cwd=tmp_path, capture_output=True, text=True)  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert int(ran.stdout.split()[1]) > 1

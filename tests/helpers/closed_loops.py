@@ -218,7 +218,7 @@ def by_product(dem: Path, law: Reflectance = DEFAULT_MODEL) -> Renderer:
             disc=False,
         )
         ground = DemSurface.seen(request, detector.margin_px)
-        return frame(ground, camera, detector).image(name=camera.name)
+        return replace(frame(ground, camera, detector).image, name=camera.name)
 
     return take
 

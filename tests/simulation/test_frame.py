@@ -186,7 +186,7 @@ def test_sky_is_black_and_ground_beyond_the_dem_is_not_known(dem):
     assert found.radiance[39, 39] > 0.0
     assert np.isnan(found.radiance[70, 39])
     assert (found.radiance[:15] == 0.0).all()
-    shown = found.image()
+    shown = found.image
     assert np.isnan(shown.signal[70, 39])
     assert shown.weight[70, 39] == 0.0
     assert (shown.weight[:15] == 1.0).all()
@@ -217,7 +217,7 @@ def test_a_camera_that_sees_nothing_is_refused(dem):
 def test_an_image_is_what_was_read_out(dem):
     taken_by = camera()
     found = shoot(dem, taken_by, 2, noise=0.03, bits=10, full_scale=0.0235)
-    shown = found.image(name="frame 7")
+    shown = replace(found.image, name="frame 7")
     full = found.numbers == 1023
     assert 0.0 < full.mean() < 0.5
     np.testing.assert_allclose(shown.signal, found.numbers * (0.0235 / 1023), rtol=1e-6)
@@ -227,7 +227,7 @@ def test_an_image_is_what_was_read_out(dem):
     np.testing.assert_array_equal(shown.sun_position_mcmf_m, taken_by.sun_position_mcmf_m)
     assert shown.sensor is found.camera
     elsewhere = replace(taken_by, position_mcmf_m=taken_by.position_mcmf_m + 100.0)
-    assert found.image(elsewhere).sensor is elsewhere
+    assert found.image.with_sensor(elsewhere).sensor is elsewhere
     detector = Detector(noise=0.03, bits=10, full_scale=0.0235)
     np.testing.assert_array_equal(
         simulated_image(request(dem, taken_by), detector, 2).signal, found.signal

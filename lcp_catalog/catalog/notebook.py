@@ -1,0 +1,118 @@
+"""A catalogue for notebooks: as a dataset of xarray, as a table of geopandas, and drawn with matplotlib. What these
+need is in the extra ``notebook``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import AnyArray
+from ..cameras.view import ParallelView
+from ..errors import CatalogError, package
+from ..geometry.bounds import wrapped_deg
+from ..geometry.frames import direction_enu
+from ..plots.pictures import new_axis
+from ..rendering.renderer import render_enu
+from .catalogue import Catalog, attributes
+from .charts import hillshade
+from .layout import GROUPS
+from .model import StoredArray, held
+from .patch_terrain import patch_terrain
+from .summary import Statistics
+
+_CRS = "IAU_2015:30100"
+"""Longitude and latitude on the sphere of the Moon."""
+
+
+def dataset(catalog: Catalog) -> Any:
+    """See `Catalog.to_xarray`."""
+    xarray = package("xarray", "notebook", "a dataset")
+    indexing = package("xarray.core.indexing", "notebook", "a dataset")
+
+    class Lazy(xarray.backends.BackendArray):  # type: ignore[name-defined,misc]  # a class of a value
+        """A variable of the file: what is selected is read, and its digests are checked."""
+
+        def __init__(self, stored: StoredArray) -> None:
+            self.stored, self.shape, self.dtype = stored, stored.shape, stored[0:0].dtype
+
+        def __getitem__(self, key: Any) -> Any:
+            kind = indexing.IndexingSupport.BASIC
+            return indexing.explicit_indexing_adapter(key, self.shape, kind, self._read)
+
+        def _read(self, index: tuple[Any, ...]) -> AnyArray:
+            return np.asarray(self.stored[index])
+
+    numbers = {"point": len(catalog), "view": len(catalog.view_azimuth)}
+    found: dict[str, Any] = {name: (name, np.arange(count)) for name, count in numbers.items()}
+    ids = held(catalog, "point_id")
+    stored = isinstance(ids, StoredArray)
+    universal = replace(ids, path="universal", row_bytes=1) if stored else catalog.universal
+    for name, variable in GROUPS[""].items():
+        value = universal if name == "universal" else catalog.__dict__.get(name)
+        if name in numbers or value is None:
+            continue
+        if isinstance(value, StoredArray):
+            value = indexing.LazilyIndexedArray(Lazy(value))
+        about = {"units": variable.units, "long_name": variable.long_name}
+        found[name] = (variable.dims, value, about)
+    return xarray.Dataset(found, attrs=attributes(catalog))
+
+
+def geodataframe(catalog: Catalog) -> Any:
+    """See `Catalog.to_geodataframe`."""
+    geopandas = package("geopandas", "notebook", "a geographic table")
+    table = catalog.to_dataframe()
+    places = geopandas.points_from_xy(
+        wrapped_deg(table["longitude"]), table["latitude"], table["elevation"]
+    )
+    return geopandas.GeoDataFrame(table, geometry=places, crs=_CRS)
+
+
+def plot(
+    catalog: Catalog, what: str | int, ax: Any, sun: tuple[float, float] | None, view: int
+) -> Any:
+    """See `Catalog.plot`."""
+    ax = ax or new_axis()
+    if not isinstance(what, str):
+        return _patch(catalog, range(len(catalog))[what], ax, sun, view)
+    if what == "claims":
+        return _claims(catalog, ax, view)
+    if what != "usable_share" and np.shape(held(catalog, what)) != (len(catalog),):
+        raise CatalogError(f"has no {what} to plot: it needs a figure of each point")
+    values = Statistics.of(catalog).by_point if what == "usable_share" else catalog.part(what)
+    relief = catalog.overview
+    x, y = relief.plane.places(catalog.position_mcmf)
+    cell_m = float(abs(relief.x[1] - relief.x[0]))
+    edges = np.array([relief.x[0], relief.x[-1], relief.y[-1], relief.y[0]])
+    extent = (edges + cell_m * np.array([-0.5, 0.5, -0.5, 0.5])) / 1e3
+    ax.imshow(hillshade(relief.height, cell_m)[..., 0], cmap="gray", extent=extent)
+    dots = ax.scatter(x / 1e3, y / 1e3, 12, values, edgecolors="black", linewidths=0.3)
+    ax.figure.colorbar(dots, ax=ax, label=what)
+    ax.set(xlabel="km", ylabel="km", title=catalog.title)
+    return ax
+
+
+def _claims(catalog: Catalog, ax: Any, view: int) -> Any:
+    """Share of the points that are usable, by the Sun."""
+    share = Statistics.of(catalog).by_view_and_sun[view]
+    azimuth, elevation = catalog.sun_azimuth, catalog.sun_elevation
+    ax.imshow(share, vmin=0.0, vmax=1.0, origin="lower", aspect="auto")
+    ax.set_xticks(range(len(azimuth)), [f"{angle:g}" for angle in azimuth], rotation=90)
+    ax.set_yticks(range(len(elevation)), [f"{angle:g}" for angle in elevation])
+    ax.figure.colorbar(ax.images[-1], ax=ax, label="usable share of the points")
+    ax.set(xlabel="azimuth of the Sun, deg", ylabel="elevation of the Sun, deg")
+    return ax
+
+
+def _patch(catalog: Catalog, row: int, ax: Any, sun: tuple[float, float] | None, view: int) -> Any:
+    """A point's patch, rendered from its own heights alone."""
+    azimuth, elevation = sun or (90.0, 20.0)
+    off, around = (float(getattr(catalog, f"view_{n}")[view]) for n in ("off_nadir", "azimuth"))
+    seen = ParallelView(direction_enu(around, 90.0 - off))
+    shot = render_enu(patch_terrain(catalog, row), direction_enu(azimuth, elevation), seen)
+    shot.plot(ax)
+    ax.set(title=f"{catalog.point_id[row]}, Sun at {azimuth:g}, {elevation:g} deg")
+    return ax
