@@ -13,6 +13,7 @@ from helpers import catalogs, merges
 from helpers.small_build import CONFIG, DEM
 from scipy.ndimage import map_coordinates
 
+from lcp_catalog.catalog import comparison
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare_catalogs
 from lcp_catalog.catalog.model import Promise
@@ -44,7 +45,7 @@ def read(path: Path | str) -> Catalog:
 
 @pytest.fixture(autouse=True)
 def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(merging, "open_catalog", read)
+    monkeypatch.setattr(comparison, "open_catalog", lambda path, check=True: read(path))
 
 
 def written(folder: Path, inputs: list[Catalog], first: str = "a") -> list[Path]:
@@ -236,6 +237,16 @@ def test_the_order_of_the_inputs_does_not_matter(paths: list[Path], tmp_path: Pa
     for name, order in (("m", paths), ("n", [*paths[::-1], paths[1]])):
         merge_catalogs(order, tmp_path / f"{name}.h5")
     assert (tmp_path / "m.h5").read_bytes() == (tmp_path / "n.h5").read_bytes()
+
+
+def test_catalogues_in_memory_are_merged_as_files(
+    inputs: list[Catalog], paths: list[Path], merged: Path, tmp_path: Path
+) -> None:
+    merge_catalogs([paths[0], *inputs[1:]], tmp_path / "m.h5")
+    found, wanted = read(tmp_path / "m.h5"), read(merged)
+    assert {*compare_catalogs(found, wanted).attributes} == {"config.merged"}  # names of files
+    np.testing.assert_array_equal(found.point_id, wanted.point_id)
+    np.testing.assert_array_equal(found.condition, wanted.condition)
 
 
 def test_small_blocks_give_the_same(
