@@ -59,7 +59,7 @@ GROUPS = {
     ),
     "Output": (
         *("--output", "--preview", "--map", "--plot", "--chart", "--fit-errors", "--dossier"),
-        *("--evidence", "--require", "--set", "--quick", "--plan", "--explain", "--json"),
+        *("--evidence", "--require", "--list", "--set", "--quick", "--plan", "--explain", "--json"),
         *("--depfile", "--overwrite", "--log-format", "--help"),
     ),
 }

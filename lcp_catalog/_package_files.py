@@ -1,9 +1,10 @@
-"""Files that the package hands out: the sample data (a DEM, an albedo map, a photograph with its camera, and what builds a
-catalogue of them), and the C reference of the flight file with its test vector.
+"""Files that the package hands out: the sample data (a DEM, an albedo map, a photograph with its camera, what builds a
+catalogue of them, examples and schemas), the C reference of the flight file with its test vector, and the how-to pages.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from .atomic_files import check_folder, write_bytes
@@ -21,6 +22,14 @@ SAMPLE_FILES = (
     "own_site.ipynb",
     "pipeline/Makefile",
     "pipeline/site.toml",
+    "schemas/build.json",
+    "schemas/camera.json",
+    "schemas/report.json",
+    "examples/locate_camera.py",
+    "examples/orbit_pass.py",
+    "examples/made_dem.py",
+    "examples/descent.py",
+    "examples/descent.toml",
 )
 """Files of the sample; `PROVENANCE.txt` states source and licence of each datum."""
 
@@ -32,10 +41,22 @@ FLIGHT_FILES = (
 
 
 def sample_folder() -> Path:
-    """Folder with the sample data: in the installed package or, for a checkout, beside the package."""
+    """Folder with the sample data."""
+    return _folder("sample_data", "sample_data")
+
+
+def pages() -> dict[str, str]:
+    """The how-to pages, Markdown without comments, by the names of their files."""
+    files = sorted(_folder("howto", "docs/howto").glob("*.md"))
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in files}
+    return {name: re.sub(r"<!--.*?-->\n*", "", text, flags=re.S) for name, text in texts.items()}
+
+
+def _folder(installed: str, in_checkout: str) -> Path:
+    """A folder in the installed package or, for a checkout, beside the package."""
     package = Path(__file__).resolve().parent
-    installed = package / "sample_data"
-    return installed if installed.is_dir() else package.parent / "sample_data"
+    own = package / installed
+    return own if own.is_dir() else package.parent / in_checkout
 
 
 def write_sample(folder: Path, overwrite: bool = False) -> tuple[Path, ...]:

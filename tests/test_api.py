@@ -108,7 +108,7 @@ def test_example(
         return found[-1]
 
     monkeypatch.setattr(lcp, "locate", listen)
-    example = runpy.run_path(str(ROOT / "docs" / "examples" / "locate_camera.py"))
+    example = runpy.run_path(str(ROOT / "sample_data" / "examples" / "locate_camera.py"))
     example["main"](str(folder / "both.h5"))
     said = capsys.readouterr().out
     assert "located: " in said

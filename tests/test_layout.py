@@ -151,7 +151,8 @@ def test_every_sub_package_is_installed() -> None:
         for path in LIBRARY
         if path.name == "__init__.py"
     }
-    sample = {"lcp_catalog.sample_data", "lcp_catalog.sample_data.pipeline"}
+    sample = {"lcp_catalog.howto", "lcp_catalog.sample_data"}
+    sample |= {f"lcp_catalog.sample_data.{name}" for name in ("pipeline", "schemas", "examples")}
     assert {*listed["tool"]["setuptools"]["packages"]} == {*packages, *sample, "lcp_cli"}
 
 

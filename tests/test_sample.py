@@ -19,6 +19,7 @@ from lcp_catalog.errors import OutputError, OutputExistsError
 
 ROOT = Path(__file__).resolve().parents[1]
 CODE = {"Makefile", "pipeline/Makefile", "hadley.toml", "pipeline/site.toml", "PROVENANCE.txt"}
+CODE |= {name for name in SAMPLE_FILES if name.startswith(("schemas/", "examples/"))}
 CODE |= {"sample.ipynb", "own_site.ipynb"}
 """Files of the sample that are no data."""
 
@@ -109,8 +110,10 @@ def test_the_wheel_holds_the_library_the_commands_and_the_sample(wheel: Path) ->
     tops = {name.split("/")[0] for name in names}
     assert tops == {"lcp_catalog", "lcp_cli", f"lcp_catalog-{lcp_catalog.__version__}.dist-info"}
     licences = {name.split("licenses/")[1] for name in names if "licenses/" in name}
+    assert {f"lcp_catalog/howto/{p.name}" for p in (ROOT / "docs/howto").glob("*.md")} <= names
     assert licences == {
         "LICENSE",
+        "THIRD-PARTY.md",
         "sample_data/PROVENANCE.txt",
         "lcp_catalog/photometry/moon_map.txt",
     }

@@ -27,14 +27,14 @@ BUDGETS = {
     # 4100, 350 for calls that fail, 25 for frames that are located, 131 for the flight file
     # 78 Kaguya's mare and LOLA's pole among the evidence, 45 all views and Suns of the flight file
     "code lines, benchmarks": 4723,
-    # 40 390, 450 flight files, 520 cameras, 425 notebooks, 205 points by probability, DEMs
+    # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps
-    "code lines, lcp_catalog": 42030,
-    # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras
-    "code lines, cli": 3730,
-    # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 355 Python, 720 units, unknown DEMs, 130 albedo map
+    "code lines, lcp_catalog": 42045,
+    # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 32 help and examples
+    "code lines, cli": 3760,
+    # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
-    "words of docs": 49485,
+    "words of docs": 49645,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

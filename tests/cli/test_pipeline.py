@@ -42,7 +42,11 @@ def parts_of(text: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "path",
-    ["sample_data/hadley.toml", "sample_data/pipeline/site.toml", "docs/examples/descent.toml"],
+    [
+        "sample_data/hadley.toml",
+        "sample_data/pipeline/site.toml",
+        "sample_data/examples/descent.toml",
+    ],
 )
 def test_the_configurations_that_are_shipped_are_valid(path: str) -> None:
     config = BuildConfig.from_toml(ROOT / path)

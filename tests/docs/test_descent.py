@@ -30,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def example(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, ROOT / f"docs/examples/{name}.py")
+    spec = importlib.util.spec_from_file_location(name, ROOT / f"sample_data/examples/{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -80,7 +80,7 @@ def test_finer_made_dems_have_the_means_of_coarser_ones(
 
 @pytest.mark.slow
 def test_every_level_of_the_tutorial_is_resolved(folder: Path) -> None:
-    config = tomllib.loads((ROOT / "docs/examples/descent.toml").read_text(encoding="utf-8"))
+    config = tomllib.loads((ROOT / "sample_data/examples/descent.toml").read_text(encoding="utf-8"))
     dems = [Dem.open(path) for path in (SAMPLE, *sorted(folder.glob("made_*m.tif")))]
     finest = [
         min(cell for cell in config["area"]["levels_m"] if resolves(dem, cell)) for dem in dems

@@ -89,7 +89,7 @@ def _marks(before: list[str]) -> Iterator[tuple[str, str]]:
 def _included(text: str) -> str:
     return re.sub(
         r'^--8<-- "([\w./]+)"\n',
-        lambda m: (ROOT / "docs/examples" / m[1]).read_text(encoding="utf-8"),
+        lambda m: next(ROOT.glob(f"*/examples/{m[1]}")).read_text(encoding="utf-8"),
         text,
         flags=re.M,
     )

@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 from scipy import ndimage
 
-SAMPLE = "sample_data/hadley_gld100_256ppd.tif"
+from lcp_catalog._package_files import sample_folder
+
+SAMPLE = sample_folder() / "hadley_gld100_256ppd.tif"
 FOLDER = Path("build/descent")
 RADIUS_M = 1737.4e3
 LON_DEG, LAT_DEG = 3.6, 26.1  # of the landing site

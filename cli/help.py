@@ -1,0 +1,29 @@
+"""``lcp help``: a how-to page, or the help of a command."""
+
+from __future__ import annotations
+
+import click
+
+from .files import FileCommand
+from .messages import echo
+
+
+@click.command(cls=FileCommand, example="lcp help query")
+@click.argument("topic", required=False)
+@click.pass_context
+def command(context: click.Context, topic: str | None) -> None:
+    """Print a how-to page as text (Markdown), or the help of a command; without TOPIC the list of the pages."""
+    from lcp_catalog._package_files import pages
+
+    found, group = pages(), context.find_root().command
+    if topic is None:
+        for name, text in found.items():
+            echo(f"{name:20} {text.splitlines()[0].lstrip('# ')}")
+        echo("\nlcp help TOPIC prints one; so does lcp help COMMAND.")
+    elif topic in found:
+        echo(found[topic])
+    elif isinstance(group, click.Group) and (one := group.get_command(context, topic)):
+        root = context.find_root()
+        echo(one.get_help(click.Context(one, parent=root, info_name=topic)))
+    else:
+        raise click.UsageError(f"no topic {topic!r}; there are {', '.join(found)}")
