@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from helpers import catalogs, flight_c, flight_vector, twins_match
@@ -24,10 +25,13 @@ from lcp_catalog.catalog.schema import DETECTION_STEP, UNSHADOWED, USABLE, summa
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.exports.export import export
 from lcp_catalog.exports.flight import FlightFile
-from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
+from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.matching.point_choice import claimed, directions_to_sun, points_in_view
 from lcp_catalog.matching.point_search import SearchImage
+from lcp_catalog.matching.templates import render_patches
+from lcp_catalog.photometry.law_choice import law_of
 from lcp_catalog.photometry.laws import surface_law
 
 pytestmark = pytest.mark.skipif(flight_c.COMPILER is None, reason="no C compiler is installed")
@@ -98,6 +102,75 @@ def test_it_finds_what_python_finds(kind: str, catalog, decoded, reference, fold
     assert max(one.covariance_share for one in both) <= 0.02
     sigmas = flight_c.position_sigmas(reference, frame, catalog.position_mcmf, all_)
     assert sigmas <= 0.05 or kind == "photograph"  # 25 places chosen blindly are too few in it
+
+
+REASONS = {
+    "not seen": "NOT_SEEN", "not lit": "NOT_LIT", "low contrast": "PLAIN", "no peak": "NO_PEAK",
+    "at the edge": "AT_THE_EDGE", "no data": "AT_THE_EDGE", "saturated": "AT_THE_EDGE",
+}  # fmt: skip
+
+
+def test_it_judges_as_python_does(decoded, reference) -> None:
+    """Small and large templates beyond the image's edges and in gaps, low and high Suns, noise above the signal: the same
+    reason, place, second peak and fit.
+    """
+    (site, numbers), rng = decoded, np.random.default_rng(8)
+    pairs, seconds = [], 0
+    for _ in range(600):
+        row, law = (
+            int(rng.integers(len(site))),
+            ("lunar-lambert", "lommel-seeliger")[rng.integers(2)],
+        )
+        frame, reach = _odd_frame(site, row, law, rng), int(rng.integers(1, 65))
+        one = flight_c.difference(reference, numbers[row], frame, site, row, law, reach)
+        found = "OK" if one.found else "NO_FIT"
+        pairs.append((CODES[one.code], REASONS.get(one.python.reason, found)))
+        if pairs[-1] not in (("OK", "OK"), ("NO_FIT", "NO_FIT")):
+            continue
+        assert one.match["shift"].tolist() == one.python.shift.tolist()
+        heights = (one.match["correlation"], one.match["second"])
+        np.testing.assert_allclose(heights, one.python.found[2:4], atol=1e-4)
+        seconds += np.isfinite(heights[1])
+        assert not one.match_px > 1e-3
+        assert not one.covariance_share > 0.01
+    apart = [pair for pair in pairs if pair[0] != pair[1] and pair[0] != "TOO_LARGE"]
+    assert len(apart) <= 2, apart  # at a limit of a rule
+    names = ("OK", "NO_FIT", "NOT_LIT", "PLAIN", "AT_THE_EDGE")
+    assert min(pairs.count((name, name)) for name in names) >= 8
+    assert seconds > 50
+
+
+def _odd_frame(site: Catalog, row: int, law: str, rng: np.random.Generator) -> Frame:
+    """A patch in noise, somewhere in a small frame or across its border, with gaps."""
+    lon, lat, up = (float(one) for one in mcmf_to_lonlat(site.position_mcmf[row]))
+    place, size = EnuFrame(lon, lat, up), rng.integers(60, 150, 2)
+    middle = (rng.uniform(0.0, size[0]), rng.uniform(0.0, size[1]))
+    pixels = 10.0 ** rng.uniform(0.75, 1.75)  # of the patch's side
+    view = (100e3, rng.uniform(0.0, 60.0), *rng.uniform(0.0, 360.0, 2), pixels * 100e3 / 3790.0)
+    camera = twins_match.looking_at(place, *view, (int(size[0]), int(size[1])), middle)
+    lens = np.array([-0.08, 0.02, 1e-3, -5e-4, 0.0]) * rng.integers(2)
+    sun = place.direction_to_mcmf(
+        direction_enu(rng.uniform(0.0, 360.0), 90.0 * rng.uniform(0.0, 1.0) ** 3)
+    )
+    camera = replace(camera, distortion=lens, sun_position_mcmf_m=1.5e11 * sun)
+    model = law_of(law)
+    assert model is not None
+    suns = directions_to_sun(camera, site.position_mcmf[[row]])
+    shown = render_patches(site, [row], camera, suns, model, psf_sigma_px=0.5)
+    grey = rng.normal(size=(size[1], size[0])).astype(np.float32)
+    grey = cv2.GaussianBlur(grey, (0, 0), 10.0 ** rng.uniform(-0.7, 0.7))
+    grey *= shown.values[0].std() * 10.0 ** rng.uniform(-1.5, 0.7) / grey.std()
+    shift = shown.origin[0] + rng.integers(-20, 21, 2)
+    for i, j in np.argwhere(shown.mask[0]):
+        r, c = i + shift[1], j + shift[0]
+        if 0 <= r < size[1] and 0 <= c < size[0]:
+            grey[r, c] += shown.values[0, i, j]
+    weight = np.where(rng.uniform(size=grey.shape) < 0.3, rng.uniform(0.0, 1.0, grey.shape), 1.0)
+    for _ in range(int(rng.integers(3))):
+        top, left = rng.integers(0, size[::-1])
+        weight[top : top + 20, left : left + 30] = 0.0
+    image = Image("odd", grey, weight.astype(np.float32), camera, camera.sun_position_mcmf_m)
+    return Frame.of(SearchImage.of(image), camera)
 
 
 def test_points_in_view_and_their_claims(catalog, reference) -> None:

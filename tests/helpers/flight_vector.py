@@ -25,7 +25,16 @@ from lcp_catalog.exports.export import export
 from lcp_catalog.exports.flight import FlightFile, KeptConditions, stored
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.point_search import Criteria, SearchImage, _refined, _SearchTask, _sought
+from lcp_catalog.matching.matches import CODE
+from lcp_catalog.matching.point_search import (
+    Criteria,
+    SearchImage,
+    _judge_search,
+    _judge_templates,
+    _refined,
+    _SearchTask,
+    _sought,
+)
 from lcp_catalog.matching.pose import Pose, solve
 from lcp_catalog.matching.templates import Templates, render_patches
 from lcp_catalog.photometry.law_choice import law_of
@@ -45,6 +54,7 @@ class PythonMatch:
     found: np.ndarray  # of `kernels.matching.search`
     precise: np.ndarray  # of `kernels.matching.subpixel_fit`
     shift: np.ndarray
+    reason: str  # why it is not searched or not found; empty for none
 
     @cached_property
     def pixel(self) -> np.ndarray:
@@ -70,7 +80,11 @@ def match(
     known = np.isfinite(found[:, 2])
     shift = np.where(known[:, None], found[:, :2], 0.0).astype(np.int64)
     precise = _refined(task, shown, shown.origin + shift, known)
-    return PythonMatch(shown, found[0], precise[0], shift[0])
+    code = np.zeros(1, np.uint8)
+    _judge_templates(shown, task.criteria, code)
+    _judge_search(task, shown, shown.origin, found, code)
+    reason = next((name for name, number in CODE.items() if number == code[0] > 0), "")
+    return PythonMatch(shown, found[0], precise[0], shift[0], reason)
 
 
 def solved(camera: Camera, places: Any, pixels: Any, covariances: Any) -> Pose:
