@@ -17,8 +17,11 @@ VALIDATION_LAW = "lunar-lambert"
 REFERENCE_LAW = "hapke"
 """Most complete reflectance model: the one that cheaper models are compared with."""
 
-LAWS_BY_COST = (DEFAULT_LAW, "lunar-lambert", REFERENCE_LAW)
-"""Models that `AUTO_LAW` chooses from, from the cheapest (times: `tradeoff`)."""
+ANCHOR_SET = "rolo"
+"""Parameter set of a model that has the measured brightness of the Moon's disc, at least at one geometry."""
+
+LAWS_BY_COST = tuple(f"{law}:{ANCHOR_SET}" for law in (DEFAULT_LAW, "lunar-lambert", REFERENCE_LAW))
+"""Models that `AUTO_LAW` chooses from, from the cheapest (times: `tradeoff`), all of one absolute brightness."""
 
 AUTO_LAW = "auto"
 """Instead of a reflectance model: the cheapest of `LAWS_BY_COST` that is accurate enough for the scene."""

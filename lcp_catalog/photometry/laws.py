@@ -44,7 +44,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
-from ..choices import DEFAULT_LAW, REFLECTANCE_MODELS
+from ..choices import ANCHOR_SET, DEFAULT_LAW, REFLECTANCE_MODELS
 from ..errors import ConfigError
 from ..kernels.photometry import images
 from ..kernels.photometry import laws as kernel
@@ -220,7 +220,7 @@ class HapkeSet:
         parameters = (self.w, self.b, self.c, self.b_s0, self.h_s, self.b_c0, self.h_c)
         cot = 1.0 / tan if tan > 1e-12 else COT_SMOOTH
         chi = 1.0 / math.sqrt(1.0 + math.pi * tan * tan)
-        return (*parameters, self.porosity, cot, chi, (1.0 - root) / (1.0 + root))
+        return (*parameters, self.porosity, cot, chi, (1.0 - root) / (1.0 + root), 1.0)
 
 
 def backward_share(b: float) -> float:
@@ -315,10 +315,26 @@ class Reflectance:
         """Numbers of the model for the kernels, (n,)."""
         return np.array(self.law, dtype=np.float64)
 
+    @property
+    def is_absolute(self) -> bool:
+        """True if the model has the brightness of a measured surface; False if only ratios within an image are meant."""
+        plain = self.code == kernel.LOMMEL_SEELIGER and len(self.law) == 1
+        return not plain and self.code not in (kernel.LAMBERT, kernel.MINNAERT)
+
     @classmethod
     def of_hapke(cls, parameters: HapkeSet) -> Reflectance:
         """Hapke's model with given parameters."""
         return cls(f"hapke:{parameters.name}", kernel.HAPKE, parameters.law)
+
+
+def _to_anchor(code: int, law: tuple[float, ...]) -> float:
+    """Factor that gives a model the radiance factor of ``lommel-seeliger:rolo`` at incidence and phase 30 deg, emission 0."""
+    cosine = np.array([math.cos(math.radians(30.0))])
+    anchor, own = (
+        float(kernel.factors(cosine, np.ones(1), cosine, which, np.array(numbers))[0])
+        for which, numbers in ((kernel.LOMMEL_SEELIGER, disc_law(ANCHOR_SET)), (code, law))
+    )
+    return anchor / own
 
 
 def _lommel_seeliger(which: str) -> tuple[int, tuple[float, ...]]:
@@ -333,6 +349,9 @@ def _lambert(which: str) -> tuple[int, tuple[float, ...]]:
 
 
 def _lunar_lambert(which: str) -> tuple[int, tuple[float, ...]]:
+    if which == ANCHOR_SET:
+        law = surface_law(DEFAULT_SURFACE)
+        return kernel.LUNAR_LAMBERT, (law[0] * _to_anchor(kernel.LUNAR_LAMBERT, law), *law[1:])
     return kernel.LUNAR_LAMBERT, surface_law(which or DEFAULT_SURFACE)
 
 
@@ -347,6 +366,9 @@ def _minnaert(which: str) -> tuple[int, tuple[float, ...]]:
 
 
 def _hapke(which: str) -> tuple[int, tuple[float, ...]]:
+    if which == ANCHOR_SET:
+        law = hapke_set(DEFAULT_SET).law
+        return kernel.HAPKE, (*law[:-1], _to_anchor(kernel.HAPKE, law))
     return kernel.HAPKE, hapke_set(which or DEFAULT_SET).law
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ..accuracy import Accuracy
 from ..atomic_files import file_facts
 from ..constants import ASTRONOMICAL_UNIT_M, LOWEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
-from ..light.bounced_light import SHOWS, BouncedSample
+from ..light.bounced_light import BouncedSample
 from ..light.environment import Environment
 from ..light.sources import Lighting
 from ..photometry.albedo_map import AlbedoCover, AlbedoMap, ColourMap
@@ -431,11 +431,17 @@ SCATTERED, SCATTERED_UNIT = "scattered light", "radiance factor"
 
 
 def bounced_light(
-    choice: str, words: LightWords, bound: float, sample: BouncedSample | None, rms: float
+    choice: str,
+    words: LightWords,
+    bound: float,
+    sample: BouncedSample | None,
+    rms: float,
+    shows: float,
 ) -> Decision:
     """Decision about light that reaches ground by way of other ground (`light.bounced_light`).
     ``choice``: one of `BOUNCES`; ``bound``: `bounced_bound`; ``sample``: None if it was not
-    computed; ``rms``: error of the directions, as a share.
+    computed; ``rms``: error of the directions, as a share; ``shows``: share of the brightest ground from
+    which on it is modelled by itself.
     """
     if choice == "off" or sample is None:
         reason = f"{words.rest}; light by way of other ground is left out"
@@ -449,8 +455,8 @@ def bounced_light(
     )
     if sample.white > 0.0:
         found += f", {sample.greatest / sample.white:.2%} of the brightest ground's"
-    if choice == "auto" and not sample.shows:
-        reason = f"{words.rest}; {found}: below one code of 8 bits ({SHOWS:.2%})"
+    if choice == "auto" and sample.greatest <= shows * sample.white:
+        reason = f"{words.rest}; {found}: below the tier's limit ({shows:.2%})"
         return Decision(SCATTERED, False, reason, min(bound, 2.0 * sample.greatest), SCATTERED_UNIT)
     reason = f"one bounce, on ground that {words.first} does not reach; {found}; a second bounce is left out"
     return Decision(SCATTERED, True, reason, rms * sample.greatest, SCATTERED_UNIT)

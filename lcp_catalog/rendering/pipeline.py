@@ -25,7 +25,7 @@ from ..constants import SOLAR_RADIUS_RAD
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..errors import CameraError, ImageError
 from ..geometry.frames import Direction, EnuFrame
-from ..light.bounced_light import BOUNCE_RMS, bounced_bound, bounced_sample
+from ..light.bounced_light import BOUNCE_RMS, SHOWS, bounced_bound, bounced_sample
 from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
@@ -356,8 +356,10 @@ def _bounced(
         one_way = parallel_view(terrain, view) if isinstance(view, CameraView) else view
         sample = bounced_sample(terrain, light, one_way.direction, model)
     bound = bounced_bound(terrain.field, model)
-    words, rms = decisions.LightWords.of(light), BOUNCE_RMS[request.accuracy.tier]
-    return decisions.bounced_light(request.bounce, words, bound, sample, rms)
+    words, tier = decisions.LightWords.of(light), request.accuracy.tier
+    return decisions.bounced_light(
+        request.bounce, words, bound, sample, BOUNCE_RMS[tier], SHOWS[tier]
+    )
 
 
 def _of_light(request: Request, light: Lighting, view: View) -> Iterator[Decision]:

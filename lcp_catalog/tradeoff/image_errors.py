@@ -2,7 +2,7 @@
 to show.
 
 Comparison of reflectance models on the images of one area: time, and correlation of windows with
-those of `REFERENCE_LAW`.
+those of `LAWS_BY_COST[-1]`.
 
 Navigation correlates windows of a render and an image with free gain and offset. The cost of a
 simpler model is therefore the loss of correlation of its windows with those of the most complete
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Mask
-from ..choices import LAWS_BY_COST, REFERENCE_LAW
+from ..choices import LAWS_BY_COST
 from ..photometry.laws import reflectance_model
 from ..production.area_job import AreaJob, area_sweep
 from ..production.sweep import Conditions, RenderedImage, Sweep
@@ -291,7 +291,7 @@ class ModelChanges:
                 found.append(
                     {
                         "reflectance": law,
-                        "against": REFERENCE_LAW,
+                        "against": LAWS_BY_COST[-1],
                         "phase_deg": list(PHASES_DEG[phase : phase + 2]),
                         "images": self.images[phase],
                         "windows": int(values.size),
@@ -304,7 +304,9 @@ class ModelChanges:
 
     def times(self) -> dict[str, float]:
         """Time of all images with each model as a share of that with the reference model."""
-        return {law: s / max(self.seconds[REFERENCE_LAW], 1e-12) for law, s in self.seconds.items()}
+        return {
+            law: s / max(self.seconds[LAWS_BY_COST[-1]], 1e-12) for law, s in self.seconds.items()
+        }
 
 
 def compare_models(job: AreaJob) -> ModelChanges:
@@ -333,7 +335,7 @@ def compare_models(job: AreaJob) -> ModelChanges:
 
 
 def _correlate(sweep: Sweep, images: dict[str, RenderedImage], found: ModelChanges) -> None:
-    exact = images[REFERENCE_LAW]
+    exact = images[LAWS_BY_COST[-1]]
     sun = sweep.sun_directions[exact.elevation, exact.azimuth]
     camera = sweep.view_directions[exact.view]
     phase_deg = math.degrees(math.acos(min(1.0, max(-1.0, float(sun @ camera)))))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..accuracy import TIERS
 from ..atomic_files import check_folder, write_folder
 from ..catalog.summary import latitude_name
-from ..choices import LAWS_BY_COST, REFERENCE_LAW
+from ..choices import LAWS_BY_COST
 from ..dem.public import Dems
 from ..errors import ConfigError
 from ..geometry.bounds import turned_deg
@@ -63,10 +63,10 @@ LAWS_HEADING = "Cost of the reflectance models"
 
 LAWS_EXPLAINED = (
     f"All images of the areas, with shadows, under the reflectance models {', '.join(LAWS_BY_COST)}. Windows of {WINDOW} x {WINDOW} nodes that are entirely visible and "
-    f"have contrast (more than {CONTRAST:g} of their mean) are correlated with the same windows under {REFERENCE_LAW}; gain and offset are free. A catalogue or a "
+    f"have contrast (more than {CONTRAST:g} of their mean) are correlated with the same windows under {LAWS_BY_COST[-1]}; gain and offset are free. A catalogue or a "
     "render without a stated reflectance model uses the first of these whose error is at most "
     + ", ".join(f"{100 * row.law_residual:g} % ({row.tier})" for row in TIERS.values())
-    + f" of the mean signal: the rms difference from {REFERENCE_LAW} in images of random relief, gain and offset free."
+    + f" of the mean signal: the rms difference from {LAWS_BY_COST[-1]} in images of random relief, gain and offset free."
 )
 
 
@@ -266,7 +266,7 @@ def laws_markdown(models: ModelChanges) -> list[str]:
 
 def _law_times(models: ModelChanges) -> str:
     shares = ", ".join(f"{law} {share:.2f}" for law, share in models.times().items())
-    return f"Time of all images, shadows and shading, as a share of that with {REFERENCE_LAW}: {shares}."
+    return f"Time of all images, shadows and shading, as a share of that with {LAWS_BY_COST[-1]}: {shares}."
 
 
 def _law_rows(models: ModelChanges) -> list[list[str]]:

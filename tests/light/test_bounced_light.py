@@ -8,7 +8,7 @@ import pytest
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.light.bounced_light import bounced_at_points, bounced_bound, bounced_sample
+from lcp_catalog.light.bounced_light import SHOWS, bounced_at_points, bounced_bound, bounced_sample
 from lcp_catalog.light.sources import Lighting, SurfacePoints
 from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
 from lcp_catalog.rendering import decisions
@@ -130,21 +130,27 @@ def test_bright_ground_reflects_more_and_the_bound_holds():
     assert twice == pytest.approx(2.0 * one)
 
 
-def plan_of(terrain, choice):
+def plan_of(terrain, choice, tier):
     light, view = Lighting.of_sun(SUN), nadir_view()
     sample = bounced_sample(terrain, light, UP, LAMBERT) if choice != "off" else None
     words, bound = decisions.LightWords.of(light), bounced_bound(terrain.field, LAMBERT)
-    decided = decisions.bounced_light(choice, words, bound, sample, 0.25)
+    decided = decisions.bounced_light(choice, words, bound, sample, 0.25, SHOWS[tier])
     return decided, plan_scene(terrain, SUN, view, model=LAMBERT, scattered=decided)
 
 
 @pytest.mark.parametrize(
-    ("depth_m", "choice", "modelled"),
-    [(700.0, "auto", True), (700.0, "off", False), (140.0, "auto", False), (250.0, "on", True)],
+    ("depth_m", "choice", "tier", "modelled"),
+    [
+        (700.0, "auto", "high", True),
+        (700.0, "auto", "standard", False),
+        (700.0, "off", "high", False),
+        (140.0, "auto", "high", False),
+        (250.0, "on", "standard", True),
+    ],
 )
-def test_the_plan_models_what_shows(depth_m, choice, modelled):
+def test_the_plan_models_what_shows(depth_m, choice, tier, modelled):
     terrain, light = crater(depth_m), Lighting.of_sun(SUN)
-    decided, plan = plan_of(terrain, choice)
+    decided, plan = plan_of(terrain, choice, tier)
     assert plan.bounces is decided.modelled is modelled
     how = {"model": LAMBERT, "accuracy": TIERS["standard"], "plan": plan}
     shot = render_enu(terrain, light, nadir_view(), Method(**how))

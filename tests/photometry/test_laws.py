@@ -12,7 +12,7 @@ from helpers.twins_reflectance import SPECS, disc_albedo, hemispherical_albedo, 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.choices import REFLECTANCE_MODELS
+from lcp_catalog.choices import LAWS_BY_COST, REFLECTANCE_MODELS
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.photometry.laws import LOMMEL_SEELIGER, factors, mixture
@@ -376,3 +376,47 @@ def test_a_sphere_of_selenes_law_has_the_phases_of_the_moon(spec):
     for phase in (2.0, 5.0, 30.0, 60.0, 97.0):
         measured = -2.5 * math.log10(rolo(phase) / rolo(10.0))
         assert fainter(law, phase) == pytest.approx(measured, abs=0.1), phase
+
+
+# -- absolute brightness
+
+
+@pytest.mark.parametrize("law", LAWS_BY_COST)
+def test_the_default_laws_have_one_brightness(law: str) -> None:
+    """I/F at incidence and phase 30 deg is ROLO's: 0.0738, from its disc reflectance by hand (Kieffer and Stone 2005, eq. 10),
+    over the disc of a Lommel-Seeliger sphere; at the nadir over phase 5 to 75 deg, the laws agree to 8 %."""
+    g = math.radians(30.0)
+    disc = math.exp(
+        -1.88914 - 1.58096 * g + 0.30477 * g**2 - 0.17908 * g**3
+        + 0.37141 * math.exp(-30.0 / 4.06054) - 0.13514 * math.exp(-30.0 / 12.8802)
+        + 0.01248 * math.cos(math.radians((30.0 + 30.5858) / 16.7498 * 180.0 / math.pi))
+    )  # fmt: skip
+    sphere = (1.0 - math.sin(g / 2) * math.tan(g / 2) * math.log(1.0 / math.tan(g / 4))) / 2.0
+    wanted = disc / sphere * math.cos(g) / (math.cos(g) + 1.0)
+    assert wanted == pytest.approx(0.0738, abs=1e-4)
+    model = reflectance_model(law)
+    assert float(radiance_factor(model, g, 0.0, g)) == pytest.approx(wanted, rel=1e-9)
+    phases = np.radians(np.arange(5.0, 75.1, 2.5))
+    ratio = radiance_factor(model, phases, 0.0, phases) / radiance_factor(
+        reflectance_model(LAWS_BY_COST[0]), phases, 0.0, phases
+    )
+    assert 0.92 <= ratio.min() <= ratio.max() <= 1.08
+
+
+def test_the_anchor_is_a_gain_alone() -> None:
+    rng = np.random.default_rng(0)
+    i, e = rng.uniform(0.0, 1.5, (2, 200))
+    g = np.abs(i - e) + rng.uniform(0.0, 1.0, 200) * (np.minimum(i + e, math.pi) - np.abs(i - e))
+    for law, gain in (("lunar-lambert", 1.1535), ("hapke", 0.7546)):
+        ratio = radiance_factor(reflectance_model(f"{law}:rolo"), i, e, g) / radiance_factor(
+            reflectance_model(law), i, e, g
+        )
+        np.testing.assert_allclose(ratio, gain, rtol=2e-4)
+        assert np.ptp(ratio) < 1e-9
+
+
+def test_which_laws_are_absolute() -> None:
+    for law in ("lommel-seeliger:rolo", "lunar-lambert", "hapke:rolo", "hapke:wac-643-mare"):
+        assert reflectance_model(law).is_absolute
+    for law in ("lommel-seeliger", "lambert", "minnaert:0.7"):
+        assert not reflectance_model(law).is_absolute

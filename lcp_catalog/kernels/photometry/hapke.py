@@ -3,7 +3,7 @@ opposition effects, porosity, macroscopic roughness.
 
 B. Hapke, *Theory of Reflectance and Emittance Spectroscopy*, 2nd ed., Cambridge 2012, ch. 8 to 12;
 the H function in Hapke, Icarus 157 (2002) 523; roughness in Hapke, Icarus 59 (1984) 41. A law is
-eleven numbers, in the order of the constants below. mu0, mu, cos_g: cosines of incidence, emission
+twelve numbers, in the order of the constants below. mu0, mu, cos_g: cosines of incidence, emission
 and phase.
 """
 
@@ -11,10 +11,10 @@ import math
 
 from numba import njit
 
-W, B, C, B_S0, H_S, B_C0, H_C, POROSITY, COT, CHI, R0 = range(11)
+W, B, C, B_S0, H_S, B_C0, H_C, POROSITY, COT, CHI, R0, SCALE = range(12)
 """Indices in a law: single-scattering albedo; the two of the Henyey-Greenstein function; amplitude
 and width of shadow hiding, of coherent backscatter; the porosity factor K; cotangent of the
-roughness, chi of the roughness; diffusive reflectance of w.
+roughness, chi of the roughness; diffusive reflectance of w; a factor of the whole.
 """
 
 COT_SMOOTH = 1e150
@@ -26,7 +26,8 @@ _GONE = 700.0  # exp(-700) is negligible
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hapke_terms(law, cos_g):
-    """The terms that depend on the phase alone: p(g) (1 + B_S(g)), and K w/4 (1 + B_C(g)).
+    """The terms that depend on the phase alone: p(g) (1 + B_S(g)), and K w/4 (1 + B_C(g))
+    times the factor of the whole.
 
     Double Henyey-Greenstein function, the lobe of (1 + c)/2 backward (Hapke 2012, eq. 6.7a); with t
     = tan(g/2), B_S = B_S0 / (1 + t/h_S) (eq. 9.22) and B_C = B_C0 (1 + (1 - exp(-t/h_C)) / (t/h_C))
@@ -46,7 +47,7 @@ def hapke_terms(law, cos_g):
         x = min(above / max(law[H_C] * below, _TINY), 1e100)
         mean = 1.0 if x < 1e-12 else -math.expm1(-x) / x
         coherent = law[B_C0] * 0.5 * (1.0 + mean) / ((1.0 + x) * (1.0 + x))
-    return lobes * (1.0 + hiding), 0.25 * law[POROSITY] * law[W] * (1.0 + coherent)
+    return lobes * (1.0 + hiding), 0.25 * law[POROSITY] * law[W] * (1.0 + coherent) * law[SCALE]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
