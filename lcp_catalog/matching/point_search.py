@@ -33,7 +33,7 @@ from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
 from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least, points_in_view
-from .templates import LEAST_COVER, Templates, render_patches
+from .templates import LEAST_COVER, PlacedPatches, Templates, render_patches
 
 _FILL_PX = 33
 """Width of the first window whose mean of valid pixels fills missing ones."""
@@ -370,13 +370,82 @@ def _refined(task: _SearchTask, templates: Templates, places: Index, sought: Mas
     searched.
     """
     out = np.full((len(sought), subpixel_fit.NUMBERS), np.nan)
-    part = np.full((int(sought.sum()), subpixel_fit.NUMBERS), np.nan)
-    subpixel_fit.refine(
-        templates.drawing[sought], templates.sub, templates.sigma_px, LEAST_COVER, task.image.fine,
-        task.image.weight, places[sought], np.zeros((len(part), 2)), part,
-    )  # fmt: skip
-    out[sought] = part
+    drawing, starts = templates.drawing[sought], np.zeros((int(sought.sum()), 2))
+    out[sought] = _fitted(
+        task.image, drawing, templates.sub, templates.sigma_px, places[sought], starts, whole=True
+    )
     return out
+
+
+def _fitted(
+    image: SearchImage,
+    drawing: Float32,
+    sub: int,
+    sigma_px: float,
+    places: Index,
+    starts: Array,
+    *,
+    whole: bool,
+) -> Array:
+    """Results (n, `subpixel_fit.NUMBERS`) of `subpixel_fit.refine`."""
+    out = np.full((len(drawing), subpixel_fit.NUMBERS), np.nan)
+    subpixel_fit.refine(
+        drawing, sub, sigma_px, LEAST_COVER, image.fine, image.weight, places, starts, whole, out
+    )
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPlaces:
+    """Points that were found in an image, to be compared with it under other Suns and reflectance laws: no search, only the
+    fit to a fraction of a pixel, from the place that is known.
+    """
+
+    image: SearchImage
+    parts: tuple[PlacedPatches, ...]
+    offset_px: Array  # (n, 2) of the places from the predicted ones, searched pixels
+    psf_sigma_px: float
+
+    @classmethod
+    def of(
+        cls, catalog: Catalog, image: Image, rows: Index, offset_px: Array, criteria: Criteria
+    ) -> FoundPlaces:
+        """Rows (n,) of the catalogue, found at ``offset_px`` (n, 2) from where the image's sensor projects them, pixels
+        of the full-resolution image.
+        """
+        searched, count = SearchImage.of(image), _at_once(catalog, image, rows)
+        parts = tuple(
+            PlacedPatches.of(catalog, rows[k : k + count], image.sensor)
+            for k in range(0, len(rows), count)
+        )
+        return cls(searched, parts, offset_px / searched.factor, criteria.psf_sigma_px)
+
+    def under(self, image: Image, law: Reflectance) -> tuple[Array, Array]:
+        """Correlations (n,), 0 where the fit does not converge, and places (n, 2), full-resolution pixels, in the
+        image with another Sun.
+        """
+        found, predicted, first = [], [], 0
+        for part in self.parts:
+            offset = self.offset_px[first : first + len(part.point)]
+            first += len(part.point)
+            whole = np.round(offset)
+            suns = image.sun_directions(part.catalog.position_mcmf[part.point])
+            places = part.origin + whole.astype(np.int64)
+            drawing = part.drawn(suns, law)
+            fit = _fitted(
+                self.image,
+                drawing,
+                part.sub,
+                self.psf_sigma_px,
+                places,
+                offset - whole,
+                whole=False,
+            )
+            found.append(fit[:, [2, 0, 1]] + np.pad(whole, ((0, 0), (1, 0))))
+            predicted.append(part.predicted_px)
+        fits = np.concatenate(found)
+        found_px = full_pixels(np.concatenate(predicted) + fits[:, 1:], self.image.factor)
+        return np.nan_to_num(fits[:, 0]), found_px
 
 
 def _judge_places(

@@ -48,7 +48,7 @@ from .point_choice import (
 from .point_search import Criteria, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
-from .sun_check import SunCheck, check_points
+from .sun_check import SunCheck, check_points, without_doubt
 
 LOCATED = "located"
 NOT_HERE = "not this place"
@@ -93,6 +93,7 @@ class Options:
     passes: int = 4
     most_sigmas: float = 4.0  # largest correction of the given sensor
     check_sun: bool = True
+    whole_sun_check: bool = False  # also where a glance leaves no doubt (`sun_check.without_doubt`)
     sun_reach_px: float = 3.0
 
 
@@ -544,15 +545,15 @@ class _FixSearch:
         used = pose.used & own
         rows = matches.point[used]
         offset = matches.found_px[used] - pose.sensor.project(self.catalog.position_mcmf[rows])
+        share = independent_share(matches.found_px[used], self.width_px(matches.point[own]))
+        image, criteria = corrected(self.working, pose), self.options.criteria
+        if not self.options.whole_sun_check:
+            sure = without_doubt(self.catalog, image, self.model, rows, offset, criteria, share)
+            if sure is not None:
+                return sure
+        reach_px = self.options.sun_reach_px * self.factor
         return check_points(
-            self.catalog,
-            corrected(self.working, pose),
-            self.model,
-            rows,
-            offset,
-            self.options.criteria,
-            independent_share(matches.found_px[used], self.width_px(matches.point[own])),
-            self.options.sun_reach_px * self.factor,
+            self.catalog, image, self.model, rows, offset, criteria, share, reach_px
         )
 
 

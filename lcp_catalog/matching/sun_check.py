@@ -19,6 +19,11 @@ vertex of a parabola through the means of z under the stated and the two turned 
 Sun is (`best_turn`): a smoother DEM lowers all three alike. The vertex over the elevation is lower than the
 Sun where the DEM lacks relief, by a figure that grows with the height of the Sun and with what the
 correlation lacks (`usual_raise_deg`). A vertex far from that is named, and refuses nothing.
+
+Thirteen and more searches are half of the time of a frame, and mostly the stated Sun is right beyond
+doubt. So a navigator first takes a glance (`without_doubt`): `_GLANCE_POINTS` points, without a search, from the places
+where they were found, under the same Suns and each of the laws. Only if that leaves a doubt under any
+law the check is made. A glance never refuses a Sun.
 """
 
 from __future__ import annotations
@@ -35,7 +40,7 @@ from ..choices import DEFAULT_LAW, REFERENCE_LAW
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
 from .point_choice import evenly
-from .point_search import Criteria, find_points
+from .point_search import Criteria, FoundPlaces, find_points
 
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: change of azimuth (clockwise) and of elevation."""
@@ -84,6 +89,12 @@ another law is tried in full: only if most of these points correlate better. Thi
 the time.
 """
 _FEWEST = 5
+
+_GLANCE_POINTS = 24
+_SURE_SHARE = 0.25
+"""Points of a glance, and the largest share of them that may correlate better under another Sun. If half of all
+points do so, at most 6 of 24 do in 1 of 90 glances; if 60 % do, which is the least share that refuses a Sun, in 1 of 900.
+"""
 
 
 @dataclass(frozen=True)
@@ -176,6 +187,15 @@ class SunCheck:
         )
 
     @property
+    def is_sure(self) -> bool:
+        """True if no other Sun is as good: few of the points prefer one, and the best azimuth lies within
+        `LEAST_TURN_DEG` of the stated one by 3 of its sigmas; and the elevation fits.
+        """
+        turn = abs(self.best_turn_deg) + _TURN_SIGMAS * self.best_turn_sigma_deg
+        few = max(self.shares) <= _SURE_SHARE
+        return few and turn <= LEAST_TURN_DEG and self.elevation_fits
+
+    @property
     def doubt_px(self) -> float:
         """1 sigma of a shift common to all matches, because another Sun may be the right one: the
         largest shift under a Sun that at least half of the points correlate better with; 0 if there
@@ -239,6 +259,36 @@ def check_points(
         return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
 
     return check_sun(search, image, catalog.position_mcmf[points], model, independent_share)
+
+
+def without_doubt(
+    catalog: Catalog,
+    image: Image,
+    model: Reflectance,
+    points: Index,
+    offset_px: Array,
+    criteria: Criteria,
+    independent_share: float = 1.0,
+) -> SunCheck | None:
+    """A glance instead of `check_points`, with the same arguments: the check by few points under the law of the search; None
+    if it leaves a doubt under any law, or if the points are too few for it.
+    """
+    rows = evenly(np.arange(len(points)), _GLANCE_POINTS)
+    if len(rows) < _GLANCE_POINTS:
+        return None
+    some = FoundPlaces.of(catalog, image, points[rows], offset_px[rows], criteria)
+
+    def search(moved: Image, law: Reflectance, _: Index) -> tuple[Array, Array]:
+        return some.under(moved, law)
+
+    tried = _Tried(search, image, catalog.position_mcmf[points[rows]], TURNS_DEG)
+    others = [law for law in map(reflectance_model, LAWS) if law.name != model.name]
+    checks = []
+    for law in (model, *others):
+        checks.append(tried.check(law, np.arange(len(rows)), independent_share)[0])
+        if not checks[-1].is_sure:
+            return None
+    return checks[0]
 
 
 def check_sun(

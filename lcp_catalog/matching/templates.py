@@ -213,38 +213,73 @@ def render_patches(
     (True, dtype('float32'))
     """
     catalog, sensor = opened_catalog(catalog), any_sensor(sensor)
-    law = law_of(model) or DEFAULT_MODEL
-    rows = np.asarray(index, dtype=np.int64)
-    nodes = nodes_mcmf(catalog, rows)
-    rotation = catalog.rotation_mcmf_to_enu[rows]
-    directions = directions_to_sun(sensor, catalog.position_mcmf[rows], sun_directions)
-    suns = np.einsum("nij,nj->ni", rotation, directions)
-    corners = nodes[:, [0, 0, -1, -1], [0, -1, 0, -1]]
-    towards = np.einsum("nij,ncj->nci", rotation, sensor.towards(corners))
-    pixels = node_pixels(catalog, rows, nodes, sensor)
-    pixels, seen, origin, (row_count, cols) = _placed(pixels, towards)
-    sub = _samples(pixels[seen], nodes.shape[1])
-    drawing = np.empty((len(rows), row_count * sub, cols * sub), dtype=np.float32)
-    albedo = np.empty((len(rows), 0, 0), np.float32)
-    if catalog.albedo is not None:
-        albedo = np.nan_to_num(catalog.albedo[rows], nan=1.0)
-    draw_patch.draw_patches(
-        catalog.dem[rows], catalog.gsd[rows].astype(np.float64), albedo,
-        suns, np.ascontiguousarray(towards), pixels, origin, sub, law.code, law.numbers, drawing,
-    )  # fmt: skip
-    drawing[~seen] = np.nan
-    values = np.empty((len(rows), row_count, cols), np.float32)
+    placed = PlacedPatches.of(catalog, np.asarray(index, dtype=np.int64), sensor)
+    suns = directions_to_sun(sensor, catalog.position_mcmf[placed.point], sun_directions)
+    drawing = placed.drawn(suns, law_of(model) or DEFAULT_MODEL)
+    values = np.empty((len(drawing), *placed.shape), np.float32)
     mask = np.empty(values.shape, np.bool_)
-    point_spread.templates(drawing, sub, float(psf_sigma_px), float(least_cover), values, mask)
-    predicted = sensor.project(catalog.position_mcmf[rows])
-    return Templates(rows, predicted, origin, values, mask, drawing, sub, float(psf_sigma_px))
+    point_spread.templates(
+        drawing, placed.sub, float(psf_sigma_px), float(least_cover), values, mask
+    )
+    return Templates(
+        placed.point, placed.predicted_px, placed.origin, values, mask, drawing, placed.sub, float(psf_sigma_px),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPatches:
+    """n patches where a sensor sees them: all of a render but the light and the law."""
+
+    catalog: Catalog
+    point: Index  # (n,) rows in the catalogue
+    predicted_px: Array  # (n, 2) of the patch's centre
+    towards: Array  # (n, 4, 3) from the corners to the sensor, in the patch's frame
+    pixels: Array  # (n, p, p, 2) of the nodes
+    seen: Mask  # (n,) whole
+    origin: Index  # (n, 2) column and row of each render's first pixel
+    shape: tuple[int, int]  # rows and columns of the renders
+    sub: int
+
+    @classmethod
+    def of(cls, catalog: Catalog, rows: Index, sensor: Sensor) -> PlacedPatches:
+        """The patches of rows (n,) of the catalogue."""
+        nodes = nodes_mcmf(catalog, rows)
+        corners = nodes[:, [0, 0, -1, -1], [0, -1, 0, -1]]
+        towards = np.einsum(
+            "nij,ncj->nci", catalog.rotation_mcmf_to_enu[rows], sensor.towards(corners)
+        )
+        pixels = node_pixels(catalog, rows, nodes, sensor)
+        pixels, seen, origin, shape = _placed(pixels, towards)
+        sub = _samples(pixels[seen], nodes.shape[1])
+        predicted = sensor.project(catalog.position_mcmf[rows])
+        towards = np.ascontiguousarray(towards)
+        return cls(catalog, rows, predicted, towards, pixels, seen, origin, shape, sub)
+
+    def drawn(self, sun_directions: Array, law: Reflectance) -> Float32:
+        """Radiance factors (n, rows * sub, cols * sub) under Suns (n, 3), unit MCMF vectors; NaN where a patch
+        is not seen.
+        """
+        catalog, rows = self.catalog, self.point
+        suns = np.einsum("nij,nj->ni", catalog.rotation_mcmf_to_enu[rows], sun_directions)
+        albedo = np.empty((len(rows), 0, 0), np.float32)
+        if catalog.albedo is not None:
+            albedo = np.nan_to_num(catalog.albedo[rows], nan=1.0)
+        high, wide = (side * self.sub for side in self.shape)
+        drawing = np.empty((len(rows), high, wide), dtype=np.float32)
+        draw_patch.draw_patches(
+            catalog.dem[rows], catalog.gsd[rows].astype(np.float64), albedo, suns, self.towards,
+            self.pixels, self.origin, self.sub, law.code, law.numbers, drawing,
+        )  # fmt: skip
+        drawing[~self.seen] = np.nan
+        return drawing
 
 
 def _placed(pixels: Array, towards: Array) -> tuple[Array, Mask, Index, tuple[int, int]]:
     """Pixels (n, p, p, 2) of the nodes, 0 for patches that are not seen whole; True for those seen
     whole; column and row of the first pixel of each; rows and columns of the largest.
     """
-    low, high = pixels.min(axis=(1, 2)), pixels.max(axis=(1, 2))  # NaN where one of them is
+    flat = np.ascontiguousarray(np.moveaxis(pixels, 3, 0))  # four times as fast to search
+    low, high = flat.min(axis=(2, 3)).T, flat.max(axis=(2, 3)).T  # NaN where one of them is
     seen = (high - low < _WIDEST_PX).all(axis=1) & np.isfinite(towards).all(axis=(1, 2))
     if not seen.all():
         low, high = np.where(seen[:, None], low, 0.0), np.where(seen[:, None], high, 0.0)

@@ -255,7 +255,7 @@ class _Done:
 def _one(
     request: Validation, catalog: Catalog, files: ImageFiles, image: Image, name: str
 ) -> _Done:
-    options = FAINT if request.faint else Options()
+    options = replace(FAINT if request.faint else Options(), whole_sun_check=True)
     image, catalog, located, encoding = _searched(request, catalog, files, image, options)
     best = image.with_sensor(located.pose.sensor) if located.pose else image
     log.info("%s: %s: %s", name, located.verdict, located.reason)

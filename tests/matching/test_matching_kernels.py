@@ -124,18 +124,18 @@ def drawn(seed, size=30, sub=4, smooth=1.3):
 
 def shifted(fine, sub, sigma, right, down):
     """Result of `point_spread.blurred` for a shifted drawing; 0 where nothing is seen."""
-    light, known = np.empty_like(fine[0]), np.empty_like(fine[0])
-    point_spread.unpack_drawing(fine[0], sub, light, known)
+    margin = point_spread.margin_for(sub, sigma, max(abs(right), abs(down)))
+    light, known = point_spread.unpack_drawing(fine[0], sub, margin)
     rows, cols = fine.shape[1] // sub, fine.shape[2] // sub
     out = np.empty((4, rows, cols), np.float32)
-    point_spread.blurred(light, known, sub, sigma, right, down, False, out)
+    point_spread.blurred(light, known, margin, sub, sigma, right, down, out)
     return out[0], out[3]
 
 
 def refined(fine, sub, sigma, image, weight):
     out = np.full((1, subpixel_fit.NUMBERS), np.nan)
     start = np.zeros((1, 2), np.int64)
-    subpixel_fit.refine(fine, sub, sigma, 0.95, image, weight, start, np.zeros((1, 2)), out)
+    subpixel_fit.refine(fine, sub, sigma, 0.95, image, weight, start, np.zeros((1, 2)), True, out)
     return out[0]
 
 

@@ -24,7 +24,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE, REASONS
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
-from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.point_search import Criteria, FoundPlaces, find_points
 from lcp_catalog.matching.pose import jacobian, position_error
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
@@ -41,6 +41,7 @@ from lcp_catalog.matching.sun_check import check_points, with_sun
 
 UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
 QUICK = Options(check_sun=False)
+WHOLE = Options(whole_sun_check=True)
 
 
 @pytest.fixture(scope="module")
@@ -441,6 +442,42 @@ def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
     assert check.points == len(rows)
 
 
+@pytest.mark.parametrize("turn", [0.0, 15.0])
+def test_a_glance_ends_the_check_only_under_the_right_sun(
+    points: Catalog, photo: Image, turn: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the law of the image alone: by Hapke's a lower Sun is as good."""
+    if not turn:
+        doubted = locate(points, believed(photo), UNCERTAIN, LAW)
+        assert doubted.sun == locate(points, believed(photo), UNCERTAIN, LAW, WHOLE).sun
+    monkeypatch.setattr("lcp_catalog.matching.sun_check.LAWS", ())
+    given = with_sun(believed(photo), points.position_mcmf, turn, 0.0)
+    glanced, whole = (locate(points, given, UNCERTAIN, LAW, o) for o in (Options(), WHOLE))
+    assert (glanced.verdict, glanced.reason) == (whole.verdict, whole.reason)
+    assert glanced.sun is not None
+    assert whole.sun is not None
+    if turn:
+        assert glanced.sun == whole.sun
+    else:
+        assert (glanced.sun.points, glanced.sun.doubt_px, whole.sun.doubt_px) == (24, 0.0, 0.0)
+        assert whole.sun.points > 24
+        assert np.array_equal(glanced.pose.covariance, whole.pose.covariance)
+
+
+def test_a_glance_finds_what_a_search_finds(points: Catalog, photo: Image) -> None:
+    """Correlations and places under three Suns, by the fit alone and by the whole search."""
+    rows = points_in_view(points, photo.sensor)[::3]
+    found = find_points(points, photo, LAW, 8.0, points=rows)
+    rows, off = rows[found.found], (found.found_px - found.predicted_px)[found.found]
+    known = FoundPlaces.of(points, photo, rows, off, Criteria())
+    for turn, up in ((0.0, 0.0), (20.0, 0.0), (0.0, 10.0)):
+        moved = with_sun(photo, points.position_mcmf[rows], turn, up)
+        correlation, place = known.under(moved, LAW)
+        again = find_points(points, moved, LAW, 3.0, points=rows, offset_px=off)
+        np.testing.assert_allclose(correlation, again.correlation, atol=2e-4)
+        np.testing.assert_allclose(place, again.found_px, atol=0.02)
+
+
 def test_a_preferred_sun_is_a_doubt_about_the_place(
     points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -449,7 +486,7 @@ def test_a_preferred_sun_is_a_doubt_about_the_place(
     monkeypatch.setattr(
         "lcp_catalog.matching.position_fix.check_points", lambda *_: light(0.9, gain=0.02)
     )
-    doubted = locate(points, believed(photo), UNCERTAIN, LAW)
+    doubted = locate(points, believed(photo), UNCERTAIN, LAW, WHOLE)
     assert doubted.verdict == LOCATED
     assert np.array_equal(doubted.pose.correction, plain.pose.correction)
     assert (doubted.pose.sigma > plain.pose.sigma).all()

@@ -26,10 +26,10 @@ def drawing(seed: int, rows: int = 22, cols: int = 26, smooth: float = 1.3) -> n
 
 def seen(fine: np.ndarray, right: float, down: float) -> np.ndarray:
     """Value, slopes right and down, and cover (4, rows, cols) of a shifted drawing."""
-    light, known = np.empty_like(fine), np.empty_like(fine)
-    point_spread.unpack_drawing(fine, SUB, light, known)
+    margin = point_spread.margin_for(SUB, SIGMA, max(abs(right), abs(down)))
+    light, known = point_spread.unpack_drawing(fine, SUB, margin)
     out = np.empty((4, fine.shape[0] // SUB, fine.shape[1] // SUB), np.float32)
-    point_spread.blurred(light, known, SUB, SIGMA, right, down, True, out)
+    point_spread.blurred(light, known, margin, SUB, SIGMA, right, down, out)
     return out
 
 
@@ -37,7 +37,7 @@ def refined(fine, image, weight, place=(0, 0), start=(0.0, 0.0)) -> np.ndarray:
     out = np.full((1, subpixel_fit.NUMBERS), np.nan)
     subpixel_fit.refine(
         fine[None], SUB, SIGMA, LEAST, image.astype(np.float32), weight.astype(np.float32),
-        np.array([place], np.int64), np.array([start]), out,
+        np.array([place], np.int64), np.array([start]), True, out,
     )  # fmt: skip
     return out[0]
 

@@ -98,6 +98,23 @@ def test_a_best_turn_is_refused_if_far_and_sure(turn: float, sigma: float, fits:
     assert replace(check, points=4, independent=4.0).fits
 
 
+@pytest.mark.parametrize(
+    ("share", "turn", "sigma", "sure"),
+    [
+        (0.25, 0.0, 1.9, True),
+        (0.26, 0.0, 1.9, False),
+        (0.25, 0.0, 2.1, False),
+        (0.1, -3.0, 1.0, True),
+        (0.1, 3.1, 1.0, False),
+        (0.1, 0.0, math.inf, False),
+    ],
+)
+def test_a_glance_is_sure_if_few_points_and_no_turn_speak_for_another_sun(
+    share: float, turn: float, sigma: float, sure: bool
+) -> None:
+    assert replace(light(share), best_turn_deg=turn, best_turn_sigma_deg=sigma).is_sure == sure
+
+
 def test_points_on_the_same_ground_refuse_no_turn() -> None:
     """AS16-M-2801, Sun 52 deg: 7 points on the ground of 3.9 said -22 deg +- 6.8; 50 on that of 25 said -10 +- 6.5."""
     check = replace(light(0.2), best_turn_deg=-22.0, best_turn_sigma_deg=6.8)

@@ -59,7 +59,7 @@ def shift_between(template, traced, both):
     out = np.full((1, subpixel_fit.NUMBERS), np.nan)
     subpixel_fit.refine(
         template.drawing, template.sub, template.sigma_px, 0.95, traced.astype(np.float32),
-        both.astype(np.float32), np.zeros((1, 2), np.int64), np.zeros((1, 2)), out,
+        both.astype(np.float32), np.zeros((1, 2), np.int64), np.zeros((1, 2)), True, out,
     )  # fmt: skip
     return out[0, :2]
 
@@ -307,11 +307,11 @@ def test_a_wave_is_damped_as_square_and_gaussian_damp_it(cycles, sigma, shift, s
     place = (np.arange(cols * sub) + 0.5) / sub - 0.5
     wave = np.broadcast_to(2.0 + np.cos(2 * np.pi * cycles * place), (rows * sub, cols * sub))
     wave = np.ascontiguousarray(wave.T if down else wave, dtype=np.float32)
-    light, known = np.empty_like(wave), np.empty_like(wave)
-    point_spread.unpack_drawing(wave, sub, light, known)
+    margin = point_spread.margin_for(sub, sigma, 1.0)
+    light, known = point_spread.unpack_drawing(wave, sub, margin)
     out = np.empty((4, rows, cols), np.float32)
     moves = (0.3, shift) if down else (shift, 0.3)
-    point_spread.blurred(light, known, sub, sigma, *moves, True, out)
+    point_spread.blurred(light, known, margin, sub, sigma, *moves, out)
     damped = np.sinc(cycles) * np.exp(-2 * (np.pi * cycles * sigma) ** 2)
     turn = 2 * np.pi * cycles * (np.arange(cols) - shift)
     inner = slice(6, -6)

@@ -27,66 +27,61 @@ _FAR = np.float32(np.inf)
 _TOUCHING = 1.0 + 1e-12
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _lower(least, gap, s):
-    """The smaller of two clearances; one near the start of the ray counts only where the surface
-    rises above the ray.
-    """
-    return gap if gap < least and (s >= _NEAR or gap < 0.0) else least
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def _over_columns(z, i, j, du, dv, dz, reach, least):
-    """Least clearance at the ray's crossings with columns, from node (i, j), up to ``reach`` steps
-    away.
+def _over_lines(z, i, dv, dz, side, step, reach, least):
+    """Lower the least clearances (n,) of the rays from the nodes of row i to those at their crossings with columns, each ray
+    up to its ``reach`` (n,) steps away. dv, dz: rows and metres per step; a ray crosses a column towards ``side`` (1, -1)
+    every ``step`` steps. A clearance near the start of a ray counts only where the surface rises above it.
     """
-    step = 1.0 / abs(du)
+    rows, cols = z.shape
+    farthest = reach.max()
     k = 1
-    while k * step <= reach:
+    while k * step <= farthest and k < cols:
         s = k * step
-        c = j + (k if du > 0.0 else -k)
         v = i + dv * s
-        r = min(max(math.floor(v), 0), z.shape[0] - 2)
-        gap = z[i, j] + dz * s - (z[r, c] + (z[r + 1, c] - z[r, c]) * (v - r))
-        least = _lower(least, gap, s)
+        r = min(max(math.floor(v), 0), rows - 2)
+        share, rise, is_far = v - r, dz * s, s >= _NEAR
+        first, last = (0, cols - k) if side > 0 else (k, cols)
+        upper, lower = (
+            z[r, first + side * k : last + side * k],
+            z[r + 1, first + side * k : last + side * k],
+        )
+        here, limit, out = z[i, first:last], reach[first:last], least[first:last]
+        for j in range(here.size):
+            gap = here[j] + rise - (upper[j] + (lower[j] - upper[j]) * share)
+            counts = (s <= limit[j]) & (gap < out[j]) & (is_far | (gap < 0.0))
+            out[j] = gap if counts else out[j]
         k += 1
-    return least
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _over_rows(z, i, j, du, dv, dz, reach, least):
-    """Least clearance at the ray's crossings with rows."""
-    step = 1.0 / abs(dv)
-    k = 1
-    while k * step <= reach:
-        s = k * step
-        r = i + (k if dv > 0.0 else -k)
-        u = j + du * s
-        c = min(max(math.floor(u), 0), z.shape[1] - 2)
-        gap = z[i, j] + dz * s - (z[r, c] + (z[r, c + 1] - z[r, c]) * (u - c))
-        least = _lower(least, gap, s)
-        k += 1
-    return least
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _over_diagonals(z, i, j, du, dv, dz, reach, least):
-    """Least clearance at the ray's crossings with the cells' diagonals; a node of the border counts
-    in its row or column.
+def _over_diagonals(z, j, du, dv, dz, reach, least):
+    """The same for the rays from the nodes of column j and their crossings with the cells' diagonals; z and the results as rows
+    of columns. A node of the border counts in its row or column.
     """
+    cols, rows = z.shape
     across = du - dv
     step = 1.0 / abs(across)
+    farthest = reach.max()
     k = 1
-    while k * step <= reach:
+    while k * step <= farthest:
         s = k * step
         u = j + du * s
-        c = min(max(math.floor(u), 0), z.shape[1] - 2)
-        r = c + i - j + (-k if across > 0.0 else k)
-        if 0 <= r <= z.shape[0] - 2:
-            gap = z[i, j] + dz * s - (z[r, c] + (z[r + 1, c + 1] - z[r, c]) * (u - c))
-            least = _lower(least, gap, s)
+        c = min(max(math.floor(u), 0), cols - 2)
+        away = c - j + (-k if across > 0.0 else k)
+        share, rise, is_far = u - c, dz * s, s >= _NEAR
+        first, last = max(0, -away), min(rows, rows - 1 - away)
+        if first < last:
+            left, right = (
+                z[c, first + away : last + away],
+                z[c + 1, first + away + 1 : last + away + 1],
+            )
+            here, limit, out = z[j, first:last], reach[first:last], least[first:last]
+            for i in range(here.size):
+                gap = here[i] + rise - (left[i] + (right[i] - left[i]) * share)
+                counts = (s <= limit[i]) & (gap < out[i]) & (is_far | (gap < 0.0))
+                out[i] = gap if counts else out[i]
         k += 1
-    return least
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -100,25 +95,15 @@ def _to_border(place, rate, last):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _clearance(z, i, j, du, dv, dz, summit):
-    """Least clearance of the ray from node (i, j) above the surface, metres; negative if and only
-    if the surface rises above the ray. du, dv, dz: columns, rows (the larger of the two 1) and
-    metres per step.
-
-    At every crossing with a row, a column or a diagonal the ray's height is compared with the edge
-    crossed. Missing nodes do not occlude.
-    """
-    reach = min(_to_border(j, du, z.shape[1] - 1), _to_border(i, dv, z.shape[0] - 1))
-    if dz > 0.0:
-        reach = min(reach, (summit - z[i, j]) / dz + _NEAR)
-    least = _ENDLESS
-    if du != 0.0:
-        least = _over_columns(z, i, j, du, dv, dz, reach, least)
-    if dv != 0.0:
-        least = _over_rows(z, i, j, du, dv, dz, reach, least)
-    if du != dv:
-        least = _over_diagonals(z, i, j, du, dv, dz, reach, least)
-    return least
+def _reach(heights, du, dv, dz, summit, out):
+    """Write the steps after which a ray from each node, towards the Sun, is beyond the border or above the summit."""
+    rows, cols = heights.shape
+    for i in range(rows):
+        down = _to_border(i, dv, rows - 1)
+        for j in range(cols):
+            out[i, j] = min(_to_border(j, du, cols - 1), down)
+            if dz > 0.0:
+                out[i, j] = min(out[i, j], (summit - heights[i, j]) / dz + _NEAR)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -154,10 +139,23 @@ def clearances(z, gsd, sun, out):
     largest = max(abs(sun[0]), abs(sun[1]))
     du, dv, dz = sun[0] / largest, -sun[1] / largest, sun[2] * gsd / largest
     du, dv = (du if abs(du) > _ALONG else 0.0), (dv if abs(dv) > _ALONG else 0.0)
+    # at every crossing with a row, a column or a diagonal the ray's height is compared with the edge crossed;
+    # rays of one row cross columns at one height of the row, so that a row, or a column, is one loop
     heights = z.astype(np.float64)
-    for i in range(rows):
-        for j in range(cols):
-            out[i, j] = np.float32(_clearance(heights, i, j, du, dv, dz, summit))
+    reach, least = np.empty((rows, cols)), np.full((rows, cols), _ENDLESS)
+    _reach(heights, du, dv, dz, summit, reach)
+    if du != 0.0:
+        for i in range(rows):
+            _over_lines(
+                heights, i, dv, dz, 1 if du > 0.0 else -1, 1.0 / abs(du), reach[i], least[i]
+            )
+    turned, far, low = heights.T.copy(), reach.T.copy(), least.T.copy()
+    for j in range(cols):
+        if dv != 0.0:
+            _over_lines(turned, j, du, dz, 1 if dv > 0.0 else -1, 1.0 / abs(dv), far[j], low[j])
+        if du != dv:
+            _over_diagonals(turned, j, du, dv, dz, far[j], low[j])
+    out[:] = low.T
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -238,7 +236,8 @@ def _triangle(x, y, d, b, m, depth, out):
             px = col - x0
             s = (px * by - py * bx) * inverse
             t = (ax * py - ay * px) * inverse
-            if s < -1e-9 or t < -1e-9 or s + t > 1.0 + 1e-9:
+            # one branch: three would be mispredicted more often than they save
+            if (s < -1e-9) | (t < -1e-9) | (s + t > 1.0 + 1e-9):
                 continue
             far = np.float32(d[0] + s * (d[1] - d[0]) + t * (d[2] - d[0]))
             if far < depth[row, col]:

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..completion import all_done
+from ..vectors import LANES, load, load_four, multiple, splat, splat_at, store, store_four
 
 _ROOT_HALF = math.sqrt(0.5)
 _INVERSE_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
@@ -26,6 +27,18 @@ def _ramp(x, sigma):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _narrowed(sub, sigma):
+    """Sigma of the Gaussian without the square of a sample."""
+    return math.sqrt(max(sigma * sigma - 1.0 / (12.0 * sub * sub), 0.0))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _half_width(sub, sigma):
+    """Pixels from a pixel's middle to the farthest sample that counts."""
+    return 0.5 + 4.0 * _narrowed(sub, sigma) + 1.0 / sub
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def taps(sub, sigma, shift):
     """Weights of the samples around a pixel, their derivatives with respect to the shift, and the
     index of the first of them, counted from the pixel's own first sample.
@@ -34,8 +47,7 @@ def taps(sub, sigma, shift):
     Gaussian of ``sigma`` pixels; the drawing is moved by ``shift`` pixels. The square of a sample
     widens the spread by 1/(12 sub^2) px^2, which is subtracted from the Gaussian's variance.
     """
-    narrow = math.sqrt(max(sigma * sigma - 1.0 / (12.0 * sub * sub), 0.0))
-    half = 0.5 + 4.0 * narrow + 1.0 / sub
+    narrow, half = _narrowed(sub, sigma), _half_width(sub, sigma)
     first = math.floor((0.5 - half - shift) * sub)
     last = math.ceil((0.5 + half - shift) * sub)
     weights = np.empty(last - first, np.float32)
@@ -54,97 +66,103 @@ def taps(sub, sigma, shift):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def unpack_drawing(drawing, sub, light, known):
-    """Write a drawing (rows * sub, cols * sub), with 0 for NaN, into light, and its mask as 0 and 1
-    into known. Column c * sub + s is stored at s * cols + c, so that samples with the same weight
-    in neighbouring pixels are adjacent.
-    """
-    cols = light.shape[1] // sub
-    for r in range(light.shape[0]):
-        for s in range(sub):
-            for c in range(cols):
-                value = drawing[r, c * sub + s]
-                seen = not math.isnan(value)
-                light[r, s * cols + c] = value if seen else np.float32(0.0)
-                known[r, s * cols + c] = np.float32(1.0) if seen else np.float32(0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _down(rows, first, weights, out):
-    """Write the weighted sum of rows (m, n), from ``first`` to the last at most, into out (n,);
-    four at a time.
-    """
-    k0, k1 = max(0, -first), min(weights.size, rows.shape[0] - first)
-    out[:] = np.float32(0.0)
-    k = k0
-    while k + 3 < k1:
-        w0, w1, w2, w3 = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
-        x0, x1, x2, x3 = (
-            rows[first + k],
-            rows[first + k + 1],
-            rows[first + k + 2],
-            rows[first + k + 3],
-        )
-        for c in range(out.size):
-            out[c] += (w0 * x0[c] + w1 * x1[c]) + (w2 * x2[c] + w3 * x3[c])
-        k += 4
-    while k < k1:
-        w0, x0 = weights[k], rows[first + k]
-        for c in range(out.size):
-            out[c] += w0 * x0[c]
-        k += 1
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _across(values, sub, first, weights, out):
-    """Write the weighted sums of the samples ``values`` (sub * cols,), from ``first`` on, into out
-    (cols,).
-    """
-    cols = out.size
-    out[:] = np.float32(0.0)
-    for k in range(weights.size):
-        by = (first + k) // sub
-        start = ((first + k) % sub) * cols
-        w = weights[k]
-        c0, c1 = max(0, -by), min(cols, cols - by)
-        x, y = values[start + c0 + by : start + c1 + by], out[c0:c1]
-        for c in range(y.size):
-            y[c] += w * x[c]
+def margin_for(sub, sigma, farthest):
+    """Pixels beside a drawing that the point spread reaches with shifts of up to ``farthest`` pixels."""
+    return math.ceil(_half_width(sub, sigma) + farthest + 1.5)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def blurred(light, known, sub, sigma, shift_x, shift_y, sloped, out):
-    """Write the pixels of a drawing in the layout of `unpack_drawing`, moved by a shift, into out
-    (4, rows, cols) float32: value, its derivatives with respect to the shift right and down (if
-    ``sloped``), and the share of the point spread that falls on the drawing; 0 where this share is
-    0.
+def unpack_drawing(drawing, sub, margin):
+    """Light and mask (0 and 1) of a drawing (rows * sub, cols * sub), with 0 for NaN: two arrays (rows * sub, sub * wide).
+    Column c * sub + s is stored at s * wide + margin + c, so that samples with the same weight in neighbouring
+    pixels are adjacent; beside them are ``margin`` and more zeros.
+    """
+    cols = drawing.shape[1] // sub
+    wide = multiple(cols, LANES) + 2 * margin
+    light = np.zeros((drawing.shape[0], sub * wide), np.float32)
+    known = np.zeros_like(light)
+    for r in range(drawing.shape[0]):
+        for s in range(sub):
+            for c in range(cols):
+                value = drawing[r, c * sub + s]
+                if not math.isnan(value):
+                    light[r, s * wide + margin + c] = value
+                    known[r, s * wide + margin + c] = np.float32(1.0)
+    return light, known
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _four(weights, k, a, b, c, d):
+    """Sum of four vectors with the weights from k on."""
+    return (splat_at(weights, k) * a + splat_at(weights, k + 1) * b) + (
+        splat_at(weights, k + 2) * c + splat_at(weights, k + 3) * d
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _down(light, known, long, first, at, weights, slopes, line):
+    """Sums along a column of `LANES` samples, from row ``first`` on and place ``at`` in each row, into four lines (4 long,):
+    light with the weights and with the slopes, and the mask with both. Rows beyond the drawing are left out.
+    """
+    a = b = c = d = splat(np.float32(0.0))
+    k, end = max(0, -first), min(weights.size, light.size // long - first)
+    here = (first + k) * long + at
+    while k + 3 < end:
+        p, q, r, s = load_four(light, here, long)
+        a, b = a + _four(weights, k, p, q, r, s), b + _four(slopes, k, p, q, r, s)
+        p, q, r, s = load_four(known, here, long)
+        c, d = c + _four(weights, k, p, q, r, s), d + _four(slopes, k, p, q, r, s)
+        k, here = k + 4, here + 4 * long
+    while k < end:
+        w, g, p, q = splat_at(weights, k), splat_at(slopes, k), load(light, here), load(known, here)
+        a, b, c, d = a + w * p, b + g * p, c + w * q, d + g * q
+        k, here = k + 1, here + long
+    store_four(line, at, long, a, b, c, d)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _across(line, long, wide, sub, first, at, weights, slopes, sums):
+    """Sums along the rows of `_down` for `LANES` pixels from place ``at`` on, into sums (6 `LANES`,): of light, of its
+    slopes right and down, and the same of the mask.
+    """
+    a = b = c = d = e = f = splat(np.float32(0.0))
+    for k in range(weights.size):
+        here = (first + k) % sub * wide + (first + k) // sub + at
+        w, g, (p, q, r, s) = splat_at(weights, k), splat_at(slopes, k), load_four(line, here, long)
+        a, b, c = a + w * p, b + g * p, c + w * q
+        d, e, f = d + w * r, e + g * r, f + w * s
+    store_four(sums, 0, LANES, a, b, c, d)
+    store(sums, 4 * LANES, e)
+    store(sums, 5 * LANES, f)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def blurred(light, known, margin, sub, sigma, shift_x, shift_y, out):
+    """Write the pixels of a drawing in the layout of `unpack_drawing`, with the same margin, moved by a shift, into out
+    (4, rows, cols) float32: value, its derivatives with respect to the shift right and down, and the
+    share of the point spread that falls on the drawing; 0 where this share is 0. The margin is at least
+    that of `margin_for` the shift.
     """
     _, rows, cols = out.shape
     wx, gx, fx = taps(sub, sigma, shift_x)
     wy, gy, fy = taps(sub, sigma, shift_y)
-    line = np.empty(sub * cols, np.float32)
-    sums = np.zeros((6, cols), np.float32)
+    long = light.shape[1]
+    wide = long // sub
+    flat, mask = light.reshape(-1), known.reshape(-1)
+    line, sums = np.zeros(4 * long, np.float32), np.empty(6 * LANES, np.float32)
     for r in range(rows):
-        first = r * sub + fy
-        _down(light, first, wy, line)
-        _across(line, sub, fx, wx, sums[0])
-        if sloped:
-            _across(line, sub, fx, gx, sums[1])
-            _down(light, first, gy, line)
-            _across(line, sub, fx, wx, sums[2])
-        _down(known, first, wy, line)
-        _across(line, sub, fx, wx, sums[3])
-        if sloped:
-            _across(line, sub, fx, gx, sums[4])
-            _down(known, first, gy, line)
-            _across(line, sub, fx, wx, sums[5])
-        for c in range(cols):
-            cover = sums[3, c]
-            inverse = np.float32(1.0) / cover if cover > np.float32(1e-6) else np.float32(0.0)
-            value = sums[0, c] * inverse
-            out[0, r, c], out[3, r, c] = value, cover
-            out[1, r, c] = (sums[1, c] - value * sums[4, c]) * inverse
-            out[2, r, c] = (sums[2, c] - value * sums[5, c]) * inverse
+        for at in range(margin, margin + cols, LANES):
+            for s in range(sub):
+                _down(flat, mask, long, r * sub + fy, s * wide + at, wy, gy, line)
+        for start in range(0, cols, LANES):
+            _across(line, long, wide, sub, fx, margin + start, wx, gx, sums)
+            for k in range(min(LANES, cols - start)):
+                c, cover = start + k, sums[3 * LANES + k]
+                inverse = np.float32(1.0) / cover if cover > np.float32(1e-6) else np.float32(0.0)
+                value = sums[k] * inverse
+                out[0, r, c], out[3, r, c] = value, cover
+                out[1, r, c] = (sums[LANES + k] - value * sums[4 * LANES + k]) * inverse
+                out[2, r, c] = (sums[2 * LANES + k] - value * sums[5 * LANES + k]) * inverse
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
@@ -154,14 +172,13 @@ def templates(drawings, sub, sigma, least, values, mask):
     falls on the drawing; values are 0 elsewhere.
     """
     n, rows, cols = values.shape
+    margin = margin_for(sub, sigma, 0.0)
     done = 0
     for k in prange(n):
         done += 1
         seen = np.empty((4, rows, cols), np.float32)
-        light = np.empty((rows * sub, sub * cols), np.float32)
-        known = np.empty_like(light)
-        unpack_drawing(drawings[k], sub, light, known)
-        blurred(light, known, sub, sigma, 0.0, 0.0, False, seen)
+        light, known = unpack_drawing(drawings[k], sub, margin)
+        blurred(light, known, margin, sub, sigma, 0.0, 0.0, seen)
         for r in range(rows):
             for c in range(cols):
                 good = seen[3, r, c] >= least

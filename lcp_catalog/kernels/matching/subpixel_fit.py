@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit, prange
 
 from ..completion import all_done
-from .point_spread import blurred, unpack_drawing
+from .point_spread import blurred, margin_for, unpack_drawing
 
 NUMBERS = 10
 """Results of `refine` for each drawing: shift right and down, correlation, covariance xx, xy, yy
@@ -123,7 +123,9 @@ def _gather(image, row0, col0, seen, w, light, total):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen, light, w, out):
+def _fit(
+    drawn, known, margin, sub, sigma, least, image, weight, row0, col0, start, seen, light, w, out
+):
     """Gauss-Newton iteration on shift, gain and offset from the template at (row0, col0). Return
     False if it does not converge nearby.
 
@@ -137,7 +139,7 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
     dx, dy, size = start[0], start[1], math.inf
     last_right, last_down, share = 0.0, 0.0, 1.0
     for _ in range(_STEPS):
-        blurred(drawn, known, sub, sigma, dx, dy, True, seen)
+        blurred(drawn, known, margin, sub, sigma, dx, dy, seen)
         total = _weights(seen, weight, least, row0, col0, w)
         if total < _FEWEST:
             return False
@@ -160,23 +162,20 @@ def _fit(drawn, known, sub, sigma, least, image, weight, row0, col0, start, seen
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
-def _at_lag(w, rest, gx, gy, down, right):
-    """Sums over pairs of pixels at a lag: of weights, of residuals, and of the slopes' products xx,
-    xy (both ways, halved), yy.
+def _at_lag(w, rest, gx, gy, lag):
+    """Sums over pairs of pixels that lie ``lag`` places apart: of weights, of residuals, and of the slopes' products xx,
+    xy (both ways, halved), yy. Arrays (n,) as `_covariance` lays them out.
     """
-    rows, cols = w.shape
-    c0, c1 = max(0, -right), cols - max(0, right)
+    count = w.size - lag
+    wa, ra, xa, ya = w[:count], rest[:count], gx[:count], gy[:count]
+    wb, rb, xb, yb = w[lag:], rest[lag:], gx[lag:], gy[lag:]
     pairs = both = xx = xy = yy = 0.0
-    for r in range(rows - down):
-        wa, ra, xa, ya = w[r, c0:c1], rest[r, c0:c1], gx[r, c0:c1], gy[r, c0:c1]
-        r2, d0, d1 = r + down, c0 + right, c1 + right
-        wb, rb, xb, yb = w[r2, d0:d1], rest[r2, d0:d1], gx[r2, d0:d1], gy[r2, d0:d1]
-        for c in range(wa.size):
-            pairs += wa[c] * wb[c]
-            both += ra[c] * rb[c]
-            xx += xa[c] * xb[c]
-            xy += xa[c] * yb[c] + ya[c] * xb[c]
-            yy += ya[c] * yb[c]
+    for c in range(count):
+        pairs += wa[c] * wb[c]
+        both += ra[c] * rb[c]
+        xx += xa[c] * xb[c]
+        xy += xa[c] * yb[c] + ya[c] * xb[c]
+        yy += ya[c] * yb[c]
     return pairs, both, xx, 0.5 * xy, yy
 
 
@@ -195,19 +194,25 @@ def _covariance(seen, light, w, out):
     tt = _dot(t, t, w)
     gain = _dot(t, light, w) / tt
     share_x, share_y = _dot(gx, t, w) / tt, _dot(gy, t, w) / tt
-    rest = np.zeros((rows, cols))
+    # rows one behind the other, with zeros between them that no lag crosses
+    wide = cols + _LAGS
+    weight, rest = np.zeros(rows * wide), np.zeros(rows * wide)
+    along, across = np.zeros(rows * wide, np.float32), np.zeros(rows * wide, np.float32)
     count = 0
     for r in range(rows):
         for c in range(cols):
-            gx[r, c] = (gx[r, c] - share_x * t[r, c]) * gain * w[r, c]
-            gy[r, c] = (gy[r, c] - share_y * t[r, c]) * gain * w[r, c]
-            rest[r, c] = (light[r, c] - gain * t[r, c]) * w[r, c]
+            k = r * wide + c
+            along[k] = (gx[r, c] - share_x * t[r, c]) * gain * w[r, c]
+            across[k] = (gy[r, c] - share_y * t[r, c]) * gain * w[r, c]
+            rest[k] = (light[r, c] - gain * t[r, c]) * w[r, c]
+            weight[k] = w[r, c]
             count += w[r, c] > 0.0
     bxx = bxy = byy = 0.0
     white = near = 0.0
     for down in range(_LAGS + 1):
         for right in range(-_LAGS if down else 0, _LAGS + 1):
-            pairs, both, xx, xy, yy = _at_lag(w, rest, gx, gy, down, right)
+            lag = down * wide + right
+            pairs, both, xx, xy, yy = _at_lag(weight, rest, along, across, lag)
             if pairs <= 0.0:
                 continue
             taper = (1.0 - abs(right) / (_LAGS + 1.0)) * (1.0 - down / (_LAGS + 1.0))
@@ -240,10 +245,10 @@ def _covariance(seen, light, w, out):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def refine(fine, sub, sigma, least, image, weight, places, starts, out):
+def refine(fine, sub, sigma, least, image, weight, places, starts, whole, out):
     """Locate n drawings in an image to a fraction of a pixel, from whole pixels ``places`` (n, 2:
     column and row of the template's first pixel) and shifts ``starts`` (n, 2); out (n, `NUMBERS`),
-    NaN where the fit does not converge.
+    NaN where the fit does not converge, and NaN in the numbers from 3 on without ``whole``, except for the gain.
 
     image (rows, cols) float32 without NaN, weight (rows, cols) 0..1.
     """
@@ -253,17 +258,18 @@ def refine(fine, sub, sigma, least, image, weight, places, starts, out):
     for k in prange(n):
         done += 1
         seen = np.empty((4, rows, cols), np.float32)
-        drawn = np.empty((rows * sub, sub * cols), np.float32)
-        known = np.empty_like(drawn)
-        unpack_drawing(fine[k], sub, drawn, known)
+        farthest = _FARTHEST_PX + max(abs(starts[k, 0]), abs(starts[k, 1]))
+        margin = margin_for(sub, sigma, farthest)
+        drawn, known = unpack_drawing(fine[k], sub, margin)
         light, w = np.empty((rows, cols)), np.empty((rows, cols))
         out[k] = np.nan
         out[k, 0], out[k, 1] = starts[k, 0], starts[k, 1]
         col0, row0 = places[k, 0], places[k, 1]
         if _fit(
-            drawn, known, sub, sigma, least, image, weight, row0, col0, starts[k], seen, light, w, out[k],
+            drawn, known, margin, sub, sigma, least, image, weight, row0, col0, starts[k], seen, light, w, out[k],
         ):  # fmt: skip
-            _covariance(seen, light, w, out[k])
+            if whole:
+                _covariance(seen, light, w, out[k])
         else:
             out[k] = np.nan
     all_done(done, n)
