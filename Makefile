@@ -68,7 +68,7 @@ bench-merge: $(READY) ## the merge of a million points, and the check of 100 000
 soak: $(READY) ## kills, full disks, damaged files and damaged inputs, for hours
 	$(BIN)/python -m benchmarks.faults all
 
-flight: $(READY) ## the C reference of the flight file: its vector, sanitizers, 1575 points of frames beside Python, and what it needs
+flight: $(READY) ## the C reference of the flight file: its vector, sanitizers, 7200 points of frames beside Python, and what it needs
 	$(BIN)/python -m pytest tests/flight
 	$(BIN)/python -m benchmarks.flight
 

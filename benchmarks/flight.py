@@ -18,6 +18,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numba import set_num_threads
 
 from benchmarks.markdown import percent, table
 from benchmarks.places import SAMPLE, shared_data
@@ -147,7 +148,7 @@ def operations() -> dict[str, tuple[float, float]]:
 
 
 def needs(folder: Path, runs: list[list[Difference]]) -> list[list[object]]:
-    """Rows of the table of what it needs; of runs over the same points the faster one of each counts."""
+    """Rows of the table of what it needs; of runs over the same points the fastest one of each counts."""
     (folder / "probe.c").write_text(PROBE)
     probe = flight_c.compiled([folder / "probe.c"], folder / "probe")
     work, point = map(int, subprocess.check_output([str(probe)], text=True).split())
@@ -183,6 +184,7 @@ def main() -> int:
     if flight_c.COMPILER is None:
         print("no C compiler is installed: nothing is compared")
         return 0
+    set_num_threads(1)  # processor time of threads that wait is no time of the matcher
     with TemporaryDirectory() as aside:
         results = compared(Path(aside))
         for heights in ("file", "catalogue"):

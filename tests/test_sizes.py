@@ -36,7 +36,8 @@ BUDGETS = {
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
-    "words of docs": 49800,
+    # 204 what is proved of the flight file's reference
+    "words of docs": 50004,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

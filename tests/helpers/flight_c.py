@@ -190,12 +190,13 @@ def difference(
     start = process_time()
     python = flight_vector.match(catalog, row, frame.image, law, reach)
     seconds = process_time() - start
-    start = thread_time()  # the kernels' threads do not count
-    code = reference.render(number, frame.camera, reference.law(law != "lommel-seeliger"), 0.5)
-    c_match = None
-    if code == 0:
-        code, c_match = reference.match(frame.record, (0, 0), reach)
-    c_seconds = thread_time() - start
+    c_seconds, given = np.inf, reference.law(law != "lommel-seeliger")
+    for _ in range(3):  # the fastest counts
+        start, c_match = thread_time(), None  # the kernels' threads do not count
+        code = reference.render(number, frame.camera, given, 0.5)
+        if code == 0:
+            code, c_match = reference.match(frame.record, (0, 0), reach)
+        c_seconds = min(c_seconds, thread_time() - start)
     shown, share, pixel, off, grown = reference.shown, np.nan, np.nan, np.nan, np.nan
     if code in (0, 8, 9, 10) and python.shown.shape == (shown["rows"], shown["cols"]):
         pixels = int(shown["rows"] * shown["cols"])
