@@ -95,6 +95,15 @@ class DemSet:
         several = [paths] if isinstance(paths, Path | str) else paths
         return cls(tuple(Dem.open(path) for path in several), tuple(order or ()))
 
+    def require_surface(self) -> None:
+        """DemError for files of which none has two rows and two columns of heights, between which ground could lie."""
+        if all(min(dem.grid.width, dem.grid.height) < 2 for dem in self.dems):
+            first = self.dems[0]
+            raise DemError(
+                f"{first.path.name}: has {first.grid.height} x {first.grid.width} heights (rows x columns); ground lies between at "
+                "least 2 x 2: give the whole DEM"
+            )
+
     def for_cells(self, cell_m: float) -> DemSet:
         """The same files for distant terrain on cells of a width: of sufficiently fine products the
         coarsest, which needs the least reading.

@@ -237,6 +237,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
             "catcher need a framing camera: give a CAMERA.json"
         )
     dems = request.ground
+    dems.require_surface()
     area, grows = area_of(request)
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)

@@ -268,3 +268,24 @@ def test_what_was_read_for_make(dem, tmp_path, out):
     arguments = ["render", dem, "-o", str(out), "--camera", camera, "--depfile", str(rule)]
     assert run(arguments) == 0
     assert rule.read_text() == f"{out}: {dem} {camera}\n"
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 200), (200, 1), (1, 1)])
+@pytest.mark.parametrize("command", ["render", "build-catalog"])
+def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
+    path = tmp_path / "line.tif"
+    out = tmp_path / ("out.tif" if command == "render" else "out.h5")
+    where = {
+        "crs": "+proj=longlat +R=1737400",
+        "transform": rasterio.transform.from_origin(3, 26, 0.004, 0.004),
+    }
+    with rasterio.open(
+        path, "w", driver="GTiff", height=rows, width=cols, count=1, dtype="float32", **where
+    ) as file:
+        file.write(np.zeros((1, rows, cols), np.float32))
+    sun = SUN if command == "render" else []
+    assert run([command, str(path), "-o", str(out), *sun]) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert f"line.tif: has {rows} x {cols} heights (rows x columns)" in said
+    assert "at least 2 x 2" in said
+    assert not out.exists()
