@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import threading
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
@@ -16,6 +17,9 @@ from .messages import is_json, say
 _EVERY_S = {False: 10.0, True: 1.0}
 """Least time between two lines, of text and of JSON."""
 
+_BEAT_S = 1.0
+"""Time between two looks whether something must be said although no step has ended."""
+
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
@@ -23,17 +27,19 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
     begins with what is done.
     """
     if is_json() or not sys.stderr.isatty():
-        yield _Lines(label).update
+        lines = _Lines(label)
+        with _beating(lines.beat):
+            yield lines.update
         return
-    pace = _Pace()
+    pace, began = _Pace(), time.monotonic()
 
-    def shown(done: int | None) -> str | None:
-        return pace.text if done else None
+    def shown(done: int | None) -> str:
+        return pace.text if done else f"{duration_text(time.monotonic() - began)} so far"
 
     bar = click.progressbar(
         length=1, label=label, file=sys.stderr, show_pos=True, item_show_func=shown
     )
-    with bar:
+    with bar, _beating(bar.render_progress):
 
         def update(done: int, total: int) -> None:
             bar.length = max(total, 1)
@@ -41,6 +47,24 @@ def progress(label: str) -> Iterator[Callable[[int, int], None]]:
             bar.update(done - bar.pos, done)
 
         yield update
+
+
+@contextmanager
+def _beating(beat: Callable[[], None]) -> Iterator[None]:
+    """Call ``beat`` every second in the block, also while nothing ends."""
+    ended = threading.Event()
+
+    def beats() -> None:
+        while not ended.wait(_BEAT_S):
+            beat()
+
+    thread = threading.Thread(target=beats, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 class _Pace:
@@ -76,16 +100,32 @@ class _Pace:
 
 class _Lines:
     """Lines about a task's progress: none in text for one that is soon done; in JSON also the first and
-    the last step.
+    the last step. While no step ends, the time that has passed.
     """
 
     def __init__(self, label: str) -> None:
         self._label, self._pace = label, _Pace()
         self._said_at: float | None = None
+        self._began = self._heard_at = time.monotonic()
+        self._state = "preparing"
+
+    def beat(self) -> None:
+        """Say the time that has passed, if nothing was said for long."""
+        now = time.monotonic()
+        if now - max(self._heard_at, self._said_at or 0.0) >= _EVERY_S[False]:
+            self._heard_at = now
+            passed = now - self._began
+            say(
+                f"{self._label}: {self._state}, {duration_text(passed)} so far",
+                "progress",
+                label=self._label,
+                seconds=passed,
+            )
 
     def update(self, done: int, total: int) -> None:
         pace, now = self._pace, time.monotonic()
         pace.update(done, total)
+        self._state = f"{done} of {total}"
         if self._said_at is None:
             self._said_at = now if not is_json() else -1e9
         last = is_json() and done == total

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import time
 from collections.abc import Iterator
 
 import pytest
@@ -105,3 +106,33 @@ def test_json_lines_are_all_that_is_said(
 def test_durations() -> None:
     said = [duration_text(seconds) for seconds in (0.4, 59.6, 61.0, 3600.0, 100_000.0)]
     assert said == ["0 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "27 h 46 min"]
+
+
+def test_a_long_step_is_not_silent(
+    clock: list[float], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before the first step and within a step; each line at least 10 s after another."""
+    monkeypatch.setattr(module, "_BEAT_S", 1e9)
+    lines = module._Lines("areas")
+    for seconds in range(25):
+        clock[0] = 100.0 + seconds
+        lines.beat()
+    lines.update(0, 7)
+    clock[0] += 40.0
+    lines.beat()
+    assert capsys.readouterr().err.splitlines() == [
+        "areas: preparing, 10 s so far",
+        "areas: preparing, 20 s so far",
+        "areas: 0 of 7, 1 min 04 s so far",
+    ]
+
+
+def test_the_heart_beats_while_a_step_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "_BEAT_S", 0.01)
+    monkeypatch.setattr(module, "_EVERY_S", {False: 0.05, True: 0.05})
+    with progress("areas") as update:
+        update(0, 3)
+        time.sleep(0.5)
+    assert capsys.readouterr().err.count("areas: 0 of 3, ") >= 2
