@@ -23,8 +23,9 @@ import numpy as np
 from ..atomic_files import check_output, file_facts
 from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.comparison import CatalogOrPath
+from ..catalog.promise import kept_promise
 from ..catalog.schema import COVERAGE_STATUS
-from ..catalog.verification import open_catalog
+from ..catalog.stored import StoredFile, stored_catalog
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_paths
@@ -40,6 +41,7 @@ from .camera_views import Seen, for_images
 from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
 from .config import BuildConfig
+from .cures import cures
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
 from .merging import MergeReport, merge_catalogs
@@ -308,8 +310,7 @@ class BuildRun:
                 Assembly(recipe, self.checkpoints, names).write(files[-1], True, check)
             points = merge_catalogs(files, self.output, self.overwrite).points
         self.checkpoints.remove()
-        if not points:
-            _warn_of_no_points(self.output)
+        _warn_of_few(self.build, self.output)
         areas = len(self.build.jobs) - len(failed)
         return BuildReport(points, areas, failed, tuple(self.build.files))
 
@@ -355,9 +356,29 @@ _HELP = {
 """What helps where most cells have no point for a reason of `schema.COVERAGE_STATUS`."""
 
 
-def _warn_of_no_points(output: Path) -> None:
-    """Log a warning about a catalogue without points, with its cells by cause."""
-    status = np.asarray(open_catalog(output).coverage.status)
+_KEPT = 0.5
+"""Share of its promise below which a build is warned of."""
+
+
+def _warn_of_few(build: Build, output: Path) -> None:
+    """Log a warning about a catalogue without points, with its cells by cause, or one that keeps little of its promise;
+    and what helps, with its price.
+    """
+    catalog = stored_catalog(StoredFile.of(output))
+    promise = kept_promise(catalog) if len(catalog) else None
+    if promise is not None and promise["kept_share"] < _KEPT:
+        shares = promise["causes"].items()
+        causes = ", ".join(f"{why} {100.0 * share:.0f} %" for why, share in shares)
+        log.warning(
+            "%s: the promise is kept in %.0f %% of places, views and Suns (else %s); %s",
+            output,
+            100.0 * promise["kept_share"],
+            causes,
+            cures(build, promise["causes"]) or "no change of the configuration is known to help",
+        )
+    if len(catalog):
+        return
+    status = np.asarray(catalog.coverage.status)
     counts = {cause: int((status == code).sum()) for code, cause in COVERAGE_STATUS.items()}
     most = max(_HELP, key=lambda cause: counts[cause])
     cells = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
@@ -366,7 +387,7 @@ def _warn_of_no_points(output: Path) -> None:
         output,
         cells or "none",
         most,
-        _HELP[most],
+        cures(build, counts) or _HELP[most],
     )
 
 

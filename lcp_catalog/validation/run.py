@@ -49,7 +49,14 @@ from ..matching.search_area import perhaps_in_view
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
-from .advice import EncodingCheck, advised, albedo_advice, check_encoding, turned_or_unlit
+from .advice import (
+    EncodingCheck,
+    advised,
+    albedo_advice,
+    better_catalog,
+    check_encoding,
+    turned_or_unlit,
+)
 from .claims import Claims, ClaimSearch
 from .error_fit import FittedErrors, Residuals, fit_errors, residuals_of
 from .ground_comparison import (
@@ -303,6 +310,7 @@ def _searched(
         located = advised(located, catalog, image.sensor, request.uncertainty, sigmas)
         if located.pose is None:
             more = turned_or_unlit(located, catalog, image, partial(place, catalog))
+            more = more or better_catalog(catalog, image)
             located = replace(located, reason=located.reason + more)
         return _EncodedSearch(image, catalog, located)
 
