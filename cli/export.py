@@ -97,6 +97,7 @@ def command(
     .spc            folder of landmarks and maplets of stereophotoclinometry
     .bds            SPICE digital shape kernel (DSK), type 2, of a site
     .lcpf           flight file: fixed layout, for a matcher on board (lcp flight-source)
+    .json           STAC item of the catalogue, and of the .gpkg of its name
 
     .parquet, .geojson and .gpkg need the extra gis, .bds the extra spice: pip install 'lcp-catalog[gis,spice]'
     """

@@ -58,7 +58,18 @@ PNG, TIFF = (".png",), (".tif", ".tiff")
 POINT_ENDINGS, CHART_ENDINGS = (".csv", ".geojson"), (".svg", ".html")
 """Endings of the files that `lcp query` writes: the points of a frame, the chart of a trajectory."""
 
-EXPORTS = (".csv", ".parquet", ".geojson", ".gpkg", ".gcp", ".lmk", ".spc", ".bds", ".lcpf")
+EXPORTS = (
+    ".csv",
+    ".parquet",
+    ".geojson",
+    ".gpkg",
+    ".gcp",
+    ".lmk",
+    ".spc",
+    ".bds",
+    ".lcpf",
+    ".json",
+)
 """Endings of the files that `lcp export` writes."""
 
 FLIGHT = ".lcpf"

@@ -32,6 +32,7 @@ _WRITERS = {
     ".spc": ("landmarks", "write_spc"),
     ".bds": ("dsk", "write_dsk"),
     ".lcpf": ("flight", "write_flight"),
+    ".json": ("stac", "write_stac"),
 }
 """Module and function of each of `choices.EXPORTS`; imported when it is used."""
 
@@ -120,6 +121,8 @@ def export(
         write = getattr(import_module(f"{__package__}.{module}"), function)
         if ending == FLIGHT:
             write(points, path, conditions, _scale(points.catalog, image_scale))
+        elif ending == ".json":
+            write(points, path, Path(output))
         else:
             write(points, path, *([] if sun_deg is None else [sun_deg]))
     return len(points)

@@ -24,7 +24,7 @@ from .points import ExportedPoints, cells, plain, write_checked
 _SIDE = 8
 """Most pieces of a footprint's side."""
 
-_FIXED_TIME = "2000-01-01T00:00:00.000Z"
+FIXED_TIME = "2000-01-01T00:00:00.000Z"
 """Time of change in a GeoPackage, so that equal exports have equal bytes."""
 
 _URN = "urn:ogc:def:crs:IAU:2015:30100"
@@ -106,7 +106,7 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
     shapely = package("shapely", "gis", "a .gpkg file")
     about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning, "body": "MOON"}
     before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": _FIXED_TIME})
+    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": FIXED_TIME})
 
     def write(files: tuple[Path, Path]) -> None:
         for name, kind, geometry, fields in layers(points, "a .gpkg file"):
