@@ -20,6 +20,8 @@ _EVERY_S = {False: 10.0, True: 1.0}
 _BEAT_S = 1.0
 """Time between two looks whether something must be said although no step has ended."""
 
+_FEWEST = 3
+
 
 @contextmanager
 def progress(label: str) -> Iterator[Callable[[int, int], None]]:
@@ -69,7 +71,8 @@ def _beating(beat: Callable[[], None]) -> Iterator[None]:
 
 class _Pace:
     """Rate of a task, per second, and its time left; both 0 until a step is done. The rate is that of the later
-    half of the steps: the first ones may wait for kernels that are compiled.
+    half of the steps: the first ones may wait for kernels that are compiled. So the time left is told only when
+    `_FEWEST` steps are done.
     """
 
     per_second = left_s = 0.0
@@ -94,8 +97,8 @@ class _Pace:
 
     @property
     def is_known(self) -> bool:
-        """More steps than the first are done."""
-        return bool(self._seen) and self._seen[-1][0] > self._seen[0][0] + 1
+        """As many steps are done as tell the time left."""
+        return bool(self._seen) and self._seen[-1][0] >= self._seen[0][0] + _FEWEST
 
 
 class _Lines:

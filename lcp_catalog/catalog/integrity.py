@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import threading
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,6 +46,11 @@ HDF5_ERRORS = (
     MemoryError,
 )
 """Errors that h5py raises for damaged files."""
+
+RECENT_BYTES = 32 << 20
+"""Most memory of the decoded chunks that an open file keeps: the next frame reads the same ones."""
+
+_KEEPING = threading.Lock()
 
 _ADDRESSES = ("DIMENSION_LIST", "REFERENCE_LIST")
 """Attributes that hold places in the file: the names of the dimensions stand for them."""
@@ -236,10 +242,17 @@ class ChunkDigests:
             raise CatalogError(
                 f"{CONTENT}: the content is not what was written (damaged or edited)"
             )
+        self._recent: dict[tuple[str, int], AnyArray] = {}
 
-    def part(self, file: h5py.File, path: str, index: tuple[Any, ...]) -> AnyArray:
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_recent": {}}
+
+    def part(
+        self, file: h5py.File, path: str, index: tuple[Any, ...], *, keep: bool = False
+    ) -> AnyArray:
         """What an index selects of a variable, as stored: numbers and slices, and rows in any order for the
-        first axis. CatalogError if a chunk that holds some of it is not the one that was written.
+        first axis. CatalogError if a chunk that holds some of it is not the one that was written. ``keep``: hold the
+        chunks, up to `RECENT_BYTES` of all, for the next time.
         """
         dataset, grid = file[path], self.grids[path]
         index = (*index, *[slice(None)] * (len(grid.shape) - len(index)))
@@ -252,15 +265,28 @@ class ChunkDigests:
         found = np.empty([places.size for places in kept], dataset.dtype)
         for parts in itertools.product(*axes):
             number = grid.number(tuple(part.start for part in parts))
-            stored = self._sound_chunk(dataset, grid, number)
-            if stored is None:
-                where = ", ".join(map(str, grid.offset(number)))
-                raise CatalogError(
-                    f"{path}: is damaged: the chunk at [{where}] is not what was written"
-                )
-            chunk = decoded(stored, filters, grid.sides, dataset.dtype)
+            chunk = self._recent.get((path, number))
+            if chunk is None:
+                stored = self._sound_chunk(dataset, grid, number)
+                if stored is None:
+                    where = ", ".join(map(str, grid.offset(number)))
+                    raise CatalogError(
+                        f"{path}: is damaged: the chunk at [{where}] is not what was written"
+                    )
+                chunk = decoded(stored, filters, grid.sides, dataset.dtype)
+            if keep:
+                self._keep((path, number), chunk)
             found[tuple(part.to for part in parts)] = chunk[tuple(part.of for part in parts)]
         return found.reshape([len(places) for places in kept if places.ndim])
+
+    def _keep(self, key: tuple[str, int], chunk: AnyArray) -> None:
+        """Keep a decoded chunk, the most recently used last, and at most `RECENT_BYTES` of all."""
+        with _KEEPING:
+            self._recent.pop(key, None)
+            self._recent[key] = chunk
+            held = sum(kept.nbytes for kept in self._recent.values())
+            while held > RECENT_BYTES:
+                held -= self._recent.pop(next(iter(self._recent))).nbytes
 
     def problems(self, file: h5py.File, but: Collection[str] = ()) -> Iterator[str]:
         """A line for each variable with chunks that are not those that were written; ``but``: paths of variables

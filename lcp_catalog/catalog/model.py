@@ -31,9 +31,9 @@ class Source(Protocol):
 
     name: str
 
-    def read(self, path: str, index: tuple[Any, ...]) -> AnyArray:
+    def read(self, path: str, index: tuple[Any, ...], *, keep: bool = False) -> AnyArray:
         """What NumPy's basic indexing selects of a variable, by its path in the file; the first index may be
-        an array of rows.
+        an array of rows. ``keep``: the same will probably be read again.
         """
 
 
@@ -64,7 +64,8 @@ class StoredArray:
         step = max(1, BLOCK_BYTES // max(1, self.row_bytes))
         parts, order = [], np.argsort(place, kind="stable")
         for start in range(0, len(wanted), step):
-            values = self[(wanted[start : start + step], *box)]
+            some = (wanted[start : start + step], *box)
+            values = self.source.read(self.path, some, keep=True)
             first, last = np.searchsorted(place[order], [start, start + step])
             here = order[first:last]
             inner = (along[here] - k for k, along in zip(low, index, strict=True))

@@ -141,11 +141,11 @@ class FileSource:
             self.attributes, self.groups = attributes(file), group_attributes(file)
             self._shapes = {name: file[name].shape for name in variables(file)}
 
-    def read(self, path: str, index: tuple[Any, ...]) -> AnyArray:
+    def read(self, path: str, index: tuple[Any, ...], *, keep: bool = False) -> AnyArray:
         """See `model.Source`."""
         group, _, short = path.rpartition("/")
         with self._stored.opened() as file:
-            array = self._digests.part(file, path, index)
+            array = self._digests.part(file, path, index, keep=keep)
         if path in PACKED:
             return packing(path, self.attributes["sigma_step_m"]).unpacked(array)
         return texts(array) if GROUPS[group][short].dtype == TEXT else array

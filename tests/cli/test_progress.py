@@ -55,7 +55,8 @@ def test_a_slow_first_step_does_not_count_in_the_time_left(
             update(done, 12)
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == "areas: 1 of 12, 0.3 a minute"
-    assert lines[1] == "areas: 2 of 12, 5.45 a minute, 1 min 50 s left"
+    assert lines[1] == "areas: 2 of 12, 5.45 a minute"
+    assert lines[2] == "areas: 3 of 12, 5.45 a minute, 1 min 39 s left"
     assert lines[-1] == "areas: 5 of 12, 5.45 a minute, 1 min 17 s left"
 
 

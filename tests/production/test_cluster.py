@@ -5,11 +5,14 @@ from __future__ import annotations
 import gc
 import json
 import os
+import platform
+import resource
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from lcp_catalog.errors import ClusterError
@@ -58,6 +61,22 @@ def test_relative_paths_are_those_of_the_sender(
     tasks = [Path("a.txt")]
     outcomes = run_tasks(first_line, tasks, 1, cluster.scheduler_address, inputs=tasks)
     assert dict(outcomes) == {0: "here"}
+
+
+def faults(_: int) -> int:
+    """Pages that are faulted in for 50 arrays of 8 MB, one after the other."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(50):
+        np.ones(1_000_000)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="mallopt is glibc's")
+def test_workers_keep_their_memory(cluster: LocalCluster) -> None:
+    """An array has 1953 pages, some of them large ones; dask's own setting lets each of 50 be faulted in."""
+    own = cluster.get_client().submit(faults, 0).result()
+    (_, kept), *_ = run_tasks(faults, [0], 1, cluster.scheduler_address)
+    assert (own > 15_000, kept < 8_000) == (True, True), (own, kept)
 
 
 def test_a_task_that_kills_its_workers_is_left_out(cluster: LocalCluster) -> None:
