@@ -545,15 +545,19 @@ class _FixSearch:
         used = pose.used & own
         rows = matches.point[used]
         offset = matches.found_px[used] - pose.sensor.project(self.catalog.position_mcmf[rows])
-        share = independent_share(matches.found_px[used], self.width_px(matches.point[own]))
+        places, width = matches.found_px[used], self.width_px(matches.point[own])
+
+        def share(some: Index) -> float:
+            return independent_share(places[some], width)
+
         image, criteria = corrected(self.working, pose), self.options.criteria
         if not self.options.whole_sun_check:
             sure = without_doubt(self.catalog, image, self.model, rows, offset, criteria, share)
             if sure is not None:
                 return sure
-        reach_px = self.options.sun_reach_px * self.factor
+        reach_px, whole = self.options.sun_reach_px * self.factor, share(np.arange(len(rows)))
         return check_points(
-            self.catalog, image, self.model, rows, offset, criteria, share, reach_px
+            self.catalog, image, self.model, rows, offset, criteria, whole, reach_px
         )
 
 

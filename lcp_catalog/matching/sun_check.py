@@ -268,10 +268,10 @@ def without_doubt(
     points: Index,
     offset_px: Array,
     criteria: Criteria,
-    independent_share: float = 1.0,
+    independent_share: Callable[[Index], float] = lambda _: 1.0,
 ) -> SunCheck | None:
-    """A glance instead of `check_points`, with the same arguments: the check by few points under the law of the search; None
-    if it leaves a doubt under any law, or if the points are too few for it.
+    """A glance instead of `check_points`: the check by few points under the law of the search; None if it leaves a doubt under
+    any law, or if the points are too few for it. ``independent_share``: of some of the points, by their rows in ``points``.
     """
     rows = evenly(np.arange(len(points)), _GLANCE_POINTS)
     if len(rows) < _GLANCE_POINTS:
@@ -283,9 +283,9 @@ def without_doubt(
 
     tried = _Tried(search, image, catalog.position_mcmf[points[rows]], TURNS_DEG)
     others = [law for law in map(reflectance_model, LAWS) if law.name != model.name]
-    checks = []
+    checks, share = [], independent_share(rows)
     for law in (model, *others):
-        checks.append(tried.check(law, np.arange(len(rows)), independent_share)[0])
+        checks.append(tried.check(law, np.arange(len(rows)), share)[0])
         if not checks[-1].is_sure:
             return None
     return checks[0]
