@@ -390,11 +390,13 @@ def summary_lines(verdict: ValidationResult) -> list[str]:
 
 
 def image_lines(image: ImageVerdict) -> list[str]:
-    """Lines on the result, points, offsets, windows and pose of an image, as far as available."""
+    """Lines on an image: the verdict, position, points, claims, then windows, as far as available."""
     found: dict[str, Any] = plain(image.figures())
     lines = [f"{image.facts.name}: {image.verdict}" + (f": {image.reason}" if image.reason else "")]
     if not image.facts.opened:
         return lines
+    if image.pose is not None:
+        lines.append(f"  pose     {pose_text(image.pose)}")
     view = "in view" if image.pose else "that may be in view"
     lines.append(f"  points   {found['points_found']} of {found['points_in_view']} {view} found")
     if not found["points_in_view"]:
@@ -403,10 +405,8 @@ def image_lines(image: ImageVerdict) -> list[str]:
         lines[-1] += "; " + ", ".join(f"{n} {reason}" for reason, n in found["not_found"].items())
     if found["points_found"]:
         lines.append(f"  offset   {_offset_text(found)}")
-    lines.append(f"  windows  {windows_text(image)}")
-    if image.pose is not None:
-        lines.append(f"  pose     {pose_text(image.pose)}")
     lines.append(f"  claims   {claims_text(image.scores)}")
+    lines.append(f"  windows  {windows_text(image)}")
     if image.encoding is not None:
         lines.append(f"  encoding {image.encoding.sentence}")
     lines += [f"  advice   {text}" for text in image.advice]
@@ -425,6 +425,7 @@ def claims_text(scores: Scores) -> str:
         f"{of_found if scores.found else 'none found'}; Brier score {number(scores.brier)} "
         f"(constant: {number(scores.brier_of_the_mean)}) of {scores.count} trials"
         f"{error if scores.errors else ''}"
+        f"{f'; {scores.unclaimed} in view without a claim' if scores.unclaimed else ''}"
     )
 
 

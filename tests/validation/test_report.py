@@ -433,7 +433,8 @@ def test_nothing_at_all_has_a_page() -> None:
 
 def test_of_an_image_that_was_not_opened_only_the_reason_is_told() -> None:
     text = texts(alone(verdicts.unopened(), Pictures())).split("lost.png")[-1]
-    assert text.split("Data")[0].split() == ["cannot", "say", "missing", "geometry"]
+    said = text.split("Claims of the catalogue")[0]
+    assert said.split() == ["cannot", "say", "missing", "geometry"]
 
 
 def test_points_and_pictures_belong_together() -> None:

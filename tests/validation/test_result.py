@@ -294,20 +294,22 @@ def test_a_few_lines_say_it(whole: result.ValidationResult) -> None:
     lines = result.summary_lines(whole)
     image, figures = whole.images[0], read(whole)["images"][0]
     assert lines[0] == "frame.png: located"
-    assert lines[1].startswith(f"  points   {figures['points_found']} of 60 in view found; ")
-    assert f"{figures['not_found']['weak']} weak" in lines[1]
-    assert f"median {result.number(figures['offset_px']['median'])} px" in lines[2]
-    assert f"95 % within {result.number(figures['offset_px']['p95'])} px" in lines[2]
-    assert f"after the pose {result.number(figures['residual_px']['median'])} px" in lines[2]
-    share = 100 * figures["windows"]["share_above_0_9"]
-    assert f"{share:.1f} % above 0.9" in lines[3]
-    assert "offset: none was removed" in lines[3]
-    assert f"error {result.number(image.pose.position_error_m)} m" in lines[4]
+    assert f"error {result.number(image.pose.position_error_m)} m" in lines[1]
+    assert lines[2].startswith(f"  points   {figures['points_found']} of 60 in view found; ")
+    assert f"{figures['not_found']['weak']} weak" in lines[2]
+    assert f"median {result.number(figures['offset_px']['median'])} px" in lines[3]
+    assert f"95 % within {result.number(figures['offset_px']['p95'])} px" in lines[3]
+    assert f"after the pose {result.number(figures['residual_px']['median'])} px" in lines[3]
     claims = figures["claims"]
-    assert f"{100 * claims['found_of_usable']:.1f} % of {claims['usable']} usable" in lines[5]
-    assert f"{100 * claims['usable_of_found']:.1f} % of {claims['found']} found" in lines[5]
-    assert f"Brier score {result.number(claims['brier'])} (constant: " in lines[5]
-    assert f"stated {result.number(claims['normalised_squared_error'])}" in lines[5]
+    assert f"{100 * claims['found_of_usable']:.1f} % of {claims['usable']} usable" in lines[4]
+    assert f"{100 * claims['usable_of_found']:.1f} % of {claims['found']} found" in lines[4]
+    assert f"Brier score {result.number(claims['brier'])} (constant: " in lines[4]
+    assert f"stated {result.number(claims['normalised_squared_error'])}" in lines[4]
+    unclaimed = f"; {claims['unclaimed']} in view without a claim"
+    assert lines[4].endswith(unclaimed) == (claims["unclaimed"] > 0)
+    share = 100 * figures["windows"]["share_above_0_9"]
+    assert f"{share:.1f} % above 0.9" in lines[5]
+    assert "offset: none was removed" in lines[5]
     assert lines[6].startswith("other.png: not this place: 3 of 30")
     assert lines[7].startswith("  points   32 of 60 that may be in view found; ")
     assert "  claims   not scored: the image was not located" in lines
@@ -315,8 +317,8 @@ def test_a_few_lines_say_it(whole: result.ValidationResult) -> None:
     assert lines[-5:-1] == [
         "blank.png: cannot say: no point is in view",
         "  points   none in view",
-        "  windows  none compared",
         "  claims   not scored: no point is in view",
+        "  windows  none compared",
     ]
     assert lines[-1] == f"all images: claims: {result.claims_text(whole.scores)}"
     assert not any("nan" in line for line in lines)
