@@ -12,6 +12,7 @@ Memory that cannot be had (``--malloc`` calls for each command, spread evenly) m
 from __future__ import annotations
 
 import argparse
+import gc
 import os
 import re
 import shutil
@@ -21,6 +22,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -124,14 +126,17 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     trial = failing.Trial.of(attempts, words, inputs)
     found: dict[str, Counter[str]] = {kind: Counter() for kind in given.kinds}
     start = time.monotonic()
+    memory = "malloc" if name in MALLOC and "malloc" in given.kinds else ""
     for old in (False, True) if trial.whole and "--overwrite" in words.again else (False,):
         if old:
             trial = trial.over_old()
-        calls = trial.calls(
-            attempts, "malloc" if name in MALLOC and "malloc" in given.kinds else ""
-        )
-        for fault in _faults(calls, given, old):
-            outcome, ended = trial.outcome(attempts, fault)
+        calls, faults = trial.calls(attempts, memory), list[failing.Fault]()
+        for fault in _kinds(calls, given, old):
+            if fault.how in failing.ALONE and trial.outcome(attempts, fault)[0] == "whole":
+                found[fault.kind]["whole"] += calls[fault.kind]
+            else:
+                faults += _each(calls, fault, given)
+        for fault, outcome, ended in trial.outcomes(attempts, faults, memory):
             good = outcome in ("whole", "refused", "ended", "not reached")
             found[fault.kind][outcome if good else "wrong"] += 1
             if not good:
@@ -165,21 +170,30 @@ def _warm(attempts: failing.Attempts, words: small_commands.Words, inputs: faili
         os.close(own)
     os.chdir(attempts.folder)
     shutil.rmtree(place)
+    gc.collect()
+    gc.freeze()  # so that forks share what is held here
 
 
-def _faults(
+def _kinds(
     calls: Mapping[str, int], given: argparse.Namespace, old: bool
 ) -> Iterator[failing.Fault]:
+    """Of each kind of call that is made, and each error, the first fault."""
     for kind in given.kinds:
-        if old and kind not in CHANGING:
-            continue
-        most = given.malloc if kind == "malloc" else given.spread
-        numbers = np.arange(1, calls[kind] + 1)
-        if most is not None and most < len(numbers):
-            numbers = np.unique(np.linspace(1, calls[kind], most).round().astype(int))
-        for error, how in failing.KINDS[kind]:
-            for nth in numbers.tolist():
-                yield failing.Fault(kind, nth, error, how)
+        if calls[kind] and not (old and kind not in CHANGING):
+            yield from (failing.Fault(kind, 1, *how) for how in failing.KINDS[kind])
+
+
+def _each(
+    calls: Mapping[str, int], fault: failing.Fault, given: argparse.Namespace
+) -> Iterator[failing.Fault]:
+    """The same fault of one call after the other."""
+    most = given.malloc if fault.kind == "malloc" else given.spread
+    numbers = np.arange(1, calls[fault.kind] + 1)
+    if most is not None and most < len(numbers):
+        numbers = np.unique(np.linspace(1, calls[fault.kind], most).round().astype(int))
+    how = failing.ALONE.get(fault.how, fault.how)
+    for nth in numbers.tolist():
+        yield replace(fault, nth=nth, how=how)
 
 
 def _cell(found: Counter[str]) -> str:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import json
 import mmap
 import multiprocessing.util
 import os
+import pickle
 import re
 import select
 import shutil
@@ -19,20 +21,25 @@ import struct
 import subprocess
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 from lcp_cli.main import run
 
 from benchmarks.faults.processes import is_gone, wait_for
+from lcp_catalog import child_process
+from lcp_catalog.catalog import stored, verification
 from tests.helpers.small_commands import Words
 
 KINDS = {
     # kind of call: (error, how it fails), of which each is tried
     "open": (("EIO", "once"), ("EMFILE", "once")),
-    "read": (("EIO", "once"), ("EINTR", "once"), ("EINTR", "short")),
-    "write": (("EIO", "once"), ("ENOSPC", "on"), ("EINTR", "once"), ("EINTR", "short")),
+    "read": (("EIO", "once"), ("EINTR", "each"), ("EINTR", "halves")),
+    "write": (("EIO", "once"), ("ENOSPC", "on"), ("EINTR", "each"), ("EINTR", "halves")),
     "rename": (("EIO", "once"), ("ENOSPC", "once")),
     "unlink": (("EIO", "once"),),
     "fsync": (("EIO", "once"), ("ENOSPC", "on")),
@@ -42,13 +49,22 @@ KINDS = {
     "close": (("EIO", "once"),),
     "malloc": (("ENOMEM", "once"),),
 }
-"""In the order of the library. "on": every later call of the kind fails, too, as on a full disk; "short": half
-of the bytes are moved, without an error.
+"""In the order of the library. "on": every later call of the kind fails, too, as on a full disk. "each": every call
+fails and succeeds when it is made again; "halves": every call moves half of its bytes, without an error. Of these two,
+one run tries all calls; where its output is not whole, each call fails alone, see `ALONE`.
 """
+ALONE = {"each": "once", "halves": "short"}
 
-LONGEST_S = 60.0
+LOCK = "lcp.lock"
+"""Name of the file by which a command locks the folder that it writes to."""
+
+LONGEST_S = 300.0
 _STATE = struct.Struct("6q16q64s512s512s")
-_HOW = ("once", "on", "short")
+_HOW = ("once", "on", "short", *ALONE)
+
+_OPENED = stored.StoredFile.opened
+_COUNTS = slice(6 * 8, (6 + len(KINDS)) * 8)
+_NUMBERS = struct.Struct(f"{len(KINDS)}q")
 
 Content = dict[str, bytes]
 """What files hold, by their names in a folder; of a folder nothing."""
@@ -64,7 +80,9 @@ class Fault:
     how: str
 
     def __str__(self) -> str:
-        what = self.error if self.how != "short" else "half"
+        what = "half" if self.how in ("short", "halves") else self.error
+        if self.how in ALONE:
+            return f"{self.kind} {what}, all of them"
         return f"{self.kind} {self.nth} {what}{' and later' if self.how == 'on' else ''}"
 
 
@@ -109,6 +127,7 @@ class Attempts:
         self.folder = folder
         folder.mkdir()
         self.count = 0
+        self._on_the_way = 0
         path = folder.with_suffix(".state")
         path.write_bytes(bytes(_STATE.size))
         os.environ["FAILING_CALLS_STATE"] = str(path)
@@ -121,23 +140,30 @@ class Attempts:
         self.count += 1
         path = self.folder / f"{self.count:06d}"
         path.mkdir()
-        for name, held in content.items():
-            (path / name).parent.mkdir(parents=True, exist_ok=True)
-            if name.endswith("/"):
-                (path / name).mkdir(exist_ok=True)
-            else:
-                (path / name).write_bytes(held)
+        _fill(path, content)
         return path
 
-    def run(self, words: str, place: Path, fault: Fault | None = None) -> Ended:
-        """A command in a process of its own that works in a folder."""
-        streams = [place.with_suffix(ending) for ending in (".out", ".err")]
+    def run(
+        self,
+        words: str,
+        place: Path,
+        fault: Fault | None = None,
+        at_stations: Callable[[dict[str, int]], object] | None = None,
+    ) -> Ended:
+        """A command in a process of its own that works in a folder; a function that it calls at its `stations`."""
+        streams = self._streams(place)
         self._write(place, fault)
         process = os.fork()
         if not process:
-            self._command(words, place, streams)
+            self._command(words, place, streams, at_stations)
+        return self._ended(process, place, streams, LONGEST_S if at_stations is None else None)
+
+    def _ended(
+        self, process: int, place: Path, streams: Sequence[Path], most_s: float | None = LONGEST_S
+    ) -> Ended:
+        """How a process ends that runs a command."""
         handle = os.pidfd_open(process)
-        late = not select.select([handle], [], [], LONGEST_S)[0]
+        late = not select.select([handle], [], [], most_s)[0]
         os.close(handle)
         if late:
             os.killpg(process, signal.SIGABRT)
@@ -168,26 +194,176 @@ class Attempts:
             numbers[1] = len(KINDS)
         self._state[:] = _STATE.pack(*numbers, *[0] * 16, b"", b"", os.fsencode(place))
 
-    def _command(self, words: str, place: Path, streams: Sequence[Path]) -> None:
+    def _counted(self) -> dict[str, int]:
+        """Calls of each kind so far."""
+        return dict(zip(KINDS, _NUMBERS.unpack(self._state[_COUNTS]), strict=True))
+
+    # -- from within a run
+
+    def stations(self, words: str, place: Path, kind: str) -> list[dict[str, int]]:
+        """Calls of each kind until a command, in which nothing fails, comes to each of its stations: where it starts
+        another process that checks a catalogue, or opens one. Calls for memory only where they are the ``kind``.
+        """
+        notes = self.folder.with_suffix(".stations")
+        notes.write_bytes(b"")
+
+        def note(counts: dict[str, int]) -> None:
+            with notes.open("a") as file:
+                file.write(json.dumps(counts) + "\n")
+
+        self.run(words, place, Fault(kind, 2**62, "EIO", "once") if kind else None, note)
+        return [json.loads(line) for line in notes.read_text().splitlines()]
+
+    def ends(
+        self, words: str, content: Content, faults: Sequence[Fault], kind: str
+    ) -> dict[Fault, tuple[Ended, Content]]:
+        """How a command ends, and what is then there, if one of its calls fails: of those faults that come after a
+        station of the command (`stations`) and before the next, while it is not writing. There the command forks for each
+        of them, and is spared the way to it; what it has opened, it reads by place. Its threads are idle then.
+        """
+        place, results = self.place(content), self.folder.with_suffix(".ends")
+        counts = self.stations(words, place, kind)
+        _restore(place, content)
+        results.write_bytes(b"")
+        following = iter([*counts[1:], dict.fromkeys(KINDS, 2**62)])
+
+        def serve(here: dict[str, int]) -> None:
+            beyond = next(following, here)
+            for fault in faults:
+                if here[fault.kind] < fault.nth <= beyond[fault.kind]:
+                    if _is_writing(place):
+                        os._exit(0)
+                    now = content_of(place)
+                    ended = self._branched(place, fault, here)
+                    with results.open("ab") as file:
+                        pickle.dump((fault, ended, content_of(place)), file)
+                    _restore(place, now)
+
+        self.run(words, place, Fault(kind, 2**62, "EIO", "once") if kind else None, serve)
+        shutil.rmtree(place)
+        found: dict[Fault, tuple[Ended, Content]] = {}
+        with results.open("rb") as file:
+            while file.peek():
+                fault, ended, left = pickle.load(file)
+                found[fault] = ended, left
+        return found
+
+    def _branched(self, place: Path, fault: Fault, here: Mapping[str, int]) -> Ended:
+        """Let a fork of this process go on with the command, in which a call fails; how it ends."""
+        sys.stdout.flush()
+        sys.stderr.flush()
+        streams = self._streams(place.with_suffix(".branch"))
+        for own, stream in zip(self._streams(place), streams, strict=True):
+            shutil.copy(own, stream)
+        self._write(place, fault)
+        self._state[_COUNTS] = _NUMBERS.pack(*here.values())
+        process = os.fork()
+        if process:
+            return self._ended(process, place, streams)
+        os.setpgrp()
+        self._redirect(streams, os.O_APPEND)
+        raise _Branched
+
+    def _at_stations(self, do: Callable[[dict[str, int]], object]) -> None:
+        """Call a function at each station of the command of this process."""
+
+        def stop() -> None:
+            if self._on_the_way != os.getpid():
+                return
+            here, numbers = self._counted(), self._state[: _COUNTS.start]
+            self._arm(0)
+            try:
+                do(here)
+            except _Branched:
+                self._on_the_way = 0
+                self._arm(1)
+                return
+            self._state[:] = numbers + self._state[_COUNTS.start :]
+            self._state[_COUNTS] = _NUMBERS.pack(*here.values())
+
+        def check(*arguments: Any) -> Any:
+            stop()
+            return child_process.call_apart(*arguments)
+
+        def opened(file: stored.StoredFile) -> Any:
+            stop()
+            return _OPENED(file)
+
+        self._on_the_way = os.getpid()
+        patch.object(verification, "call_apart", check).start()
+        patch.object(stored.StoredFile, "opened", opened).start()
+
+    def _arm(self, armed: int) -> None:
+        self._state[:8] = struct.pack("q", armed)
+
+    @staticmethod
+    def _streams(place: Path) -> list[Path]:
+        return [place.with_suffix(f"{place.suffix}{ending}") for ending in (".out", ".err")]
+
+    @staticmethod
+    def _redirect(streams: Sequence[Path], how: int) -> None:
+        for number, stream in enumerate(streams, 1):
+            os.dup2(os.open(stream, os.O_CREAT | os.O_WRONLY | how), number)
+
+    def _command(
+        self,
+        words: str,
+        place: Path,
+        streams: Sequence[Path],
+        at_stations: Callable[[dict[str, int]], object] | None,
+    ) -> None:
         code = 70
         try:
-            os.setsid()
-            for number, stream in enumerate(streams, 1):
-                os.dup2(os.open(stream, os.O_CREAT | os.O_WRONLY | os.O_TRUNC), number)
+            os.setpgrp()
+            self._redirect(streams, os.O_TRUNC)
             os.chdir(place)
             os.environ["TMPDIR"] = str(place)
-            self._state[:8] = struct.pack("q", 1)
+            if at_stations:
+                self._at_stations(at_stations)
+            self._arm(1)
             code = run(words.split())
-            self._state[:8] = struct.pack("q", 0)
+            self._arm(0)
             # as where a process that is no fork ends: folders of sockets are removed; there is no public name for it
             multiprocessing.util._exit_function()  # type: ignore[attr-defined]  # not in the stubs
             sys.stdout.flush()
             sys.stderr.flush()
         except BaseException:
-            self._state[:8] = struct.pack("q", 0)
+            self._arm(0)
             traceback.print_exc()
         finally:
             os._exit(code)
+
+
+def _is_writing(place: Path) -> bool:
+    """True if this process holds a file of a folder open to write, but the lock."""
+    for opened in Path("/proc/self/fd").iterdir():
+        with suppress(OSError):
+            file = os.readlink(opened)
+            how = int(Path("/proc/self/fdinfo", opened.name).read_text().split()[3], 8)
+            if file.startswith(f"{place}/") and not file.endswith(LOCK) and how & os.O_ACCMODE:
+                return True
+    return False
+
+
+class _Branched(BaseException):
+    """This process is now one in which a call fails."""
+
+
+def _restore(place: Path, content: Content) -> None:
+    """Remove from a folder what does not belong there, and write what it lacks; what is as it was stays."""
+    for name, held in reversed(content_of(place).items()):
+        if content.get(name) != held:
+            (place / name).rmdir() if name.endswith("/") else (place / name).unlink()
+    _fill(place, {name: held for name, held in content.items() if not (place / name).exists()})
+
+
+def _fill(place: Path, content: Content) -> None:
+    for name, held in content.items():
+        (place / name).parent.mkdir(parents=True, exist_ok=True)
+        if name.endswith("/"):
+            (place / name).mkdir(exist_ok=True)
+        else:
+            (place / name).write_bytes(held)
 
 
 def content_of(folder: Path) -> Content:
@@ -250,21 +426,37 @@ class Trial:
         shutil.rmtree(place)
         return calls
 
+    def outcomes(
+        self, attempts: Attempts, faults: Sequence[Fault], kind: str = ""
+    ) -> Iterator[tuple[Fault, str, Ended]]:
+        """Faults with their `outcome` and how the command ended, where the command forks as near to each as it can."""
+        before = {**self.inputs, **self.old}
+        found = attempts.ends(self.line, before, faults, kind)
+        for fault in faults:
+            if fault not in found:
+                yield fault, *self.outcome(attempts, fault)
+                continue
+            ended, left = found.pop(fault)
+            yield fault, self._judged(attempts, fault, ended, left), ended
+
     def outcome(self, attempts: Attempts, fault: Fault) -> tuple[str, Ended]:
         """ "whole", "refused" or "not reached"; for anything else what is wrong. And how the command ended."""
         place = attempts.place({**self.inputs, **self.old})
         ended = attempts.run(self.line, place, fault)
         found = content_of(place)
+        shutil.rmtree(place)
+        return self._judged(attempts, fault, ended, found), ended
+
+    def _judged(self, attempts: Attempts, fault: Fault, ended: Ended, found: Content) -> str:
         wrong = self.wrong(ended, found, fault)
         same = {**self.inputs, **self.old}, {**self.inputs, **self.whole}
         if not wrong and found not in same:
-            wrong = self._wrong_next(attempts, place, found)
-        shutil.rmtree(place)
+            wrong = self._wrong_next(attempts, found)
         if wrong or not ended.failed:
-            return wrong or "not reached", ended
+            return wrong or "not reached"
         if ended.code == self.ended.code:
-            return "whole", ended
-        return ("ended" if ended.code < 0 else "refused"), ended
+            return "whole"
+        return "ended" if ended.code < 0 else "refused"
 
     def wrong(self, ended: Ended, found: Content, fault: Fault) -> str:
         """What is wrong with how the command ended, or with what it left; empty if nothing is."""
@@ -292,7 +484,9 @@ class Trial:
             return f"exit {ended.code}: {ended.err[-300:]!r} {ended.out[:300]!r}"
         told = (line for line in ended.err.splitlines() if not re.search(r": \d+ of \d+, ", line))
         own = [line for line in told if line and line not in self.ended.err]
-        ugly = any("unexpected" in line for line in own) and fault.kind != "malloc"
+        ugly = any("unexpected" in line for line in own)
+        if fault.kind == "malloc":  # GDAL says it itself
+            own, ugly = [line for line in own if not line.startswith("ERROR ")], False
         if len(own) != 1 or ugly or not own[0].startswith(("lcp: ", "Error: ")):
             return f"not one line: {own}"
         return (
@@ -325,12 +519,14 @@ class Trial:
             return held is not None and (name.endswith("/") or bool(held))
         return held == self.whole[name]
 
-    def _wrong_next(self, attempts: Attempts, place: Path, found: Content) -> str:
+    def _wrong_next(self, attempts: Attempts, found: Content) -> str:
         """What is wrong with the next try, which also removes what this one left; one for each content."""
         key = hash(frozenset(found.items()))
         if key not in self.seen:
+            place = attempts.place(found)
             ended = attempts.run(f"{self.words.line} {self.words.again}", place)
             after = content_of(place)
+            shutil.rmtree(place)
             made = [name for name in self.whole if not self._is_whole(name, after.get(name))]
             left = sorted(after.keys() - self.whole.keys() - self.inputs.keys() - self.old.keys())
             self.seen[key] = ""

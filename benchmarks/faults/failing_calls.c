@@ -24,7 +24,8 @@
 
 /* The order is that of KINDS in failing.py. */
 enum { OPEN, READ, WRITE, RENAME, UNLINK, FSYNC, FTRUNCATE, MMAP, MKDIR, CLOSE, MALLOC, KINDS };
-enum { ONCE, FROM_THEN_ON, SHORT };
+/* SHORT: half of the bytes are moved. EACH: every second call fails, so that each is made once more; HALVES: every call is short. */
+enum { ONCE, FROM_THEN_ON, SHORT, EACH, HALVES };
 
 struct state {
     int64_t armed, kind, nth, error, how, hits;
@@ -75,7 +76,9 @@ static int fails(int kind, const char *call, const char *path, int fd) {
     char link[64];
     ssize_t length;
     int64_t n = __atomic_add_fetch(&state->count[kind], 1, __ATOMIC_SEQ_CST);
-    if (kind != state->kind || n < state->nth || (n > state->nth && state->how != FROM_THEN_ON)) return 0;
+    if (kind != state->kind || n < state->nth) return 0;
+    if (n > state->nth && (state->how == ONCE || state->how == SHORT)) return 0;
+    if (state->how == EACH && (n - state->nth) % 2) return 0;
     if (__atomic_add_fetch(&state->hits, 1, __ATOMIC_SEQ_CST) == 1) {
         strncpy(state->call, call, sizeof state->call - 1);
         if (path) strncpy(state->path, path, sizeof state->path - 1);
@@ -169,7 +172,7 @@ NAMED(FTRUNCATE, truncate64, (const char *path, off64_t size), chosen(AT_FDCWD, 
         static ssize_t(*real) parameters;                                 \
         if (!real) real = (ssize_t(*) parameters)dlsym(RTLD_NEXT, #name); \
         if (is_followed(fd) && fails(kind, #name, NULL, fd)) {            \
-            if (state->how != SHORT) return -1;                           \
+            if (state->how != SHORT && state->how != HALVES) return -1;                           \
             if (size > 1) size /= 2;                                      \
         }                                                                 \
         return real(__VA_ARGS__);                                         \

@@ -27,6 +27,15 @@ _SIDE = 8
 FIXED_TIME = "2000-01-01T00:00:00.000Z"
 """Time of change in a GeoPackage, so that equal exports have equal bytes."""
 
+_OPTIONS = {
+    "OGR_CURRENT_DATE": FIXED_TIME,
+    "OGR_SQLITE_JOURNAL": "MEMORY",
+    "OGR_SQLITE_SYNCHRONOUS": "OFF",
+}
+"""Of GDAL for a GeoPackage: the time of change, and no journal on the disk,
+because the file is new, and synced as a whole before it gets its name.
+"""
+
 _URN = "urn:ogc:def:crs:IAU:2015:30100"
 
 Fields = dict[str, AnyArray]
@@ -105,8 +114,8 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
     pyogrio = package("pyogrio", "gis", "a .gpkg file")
     shapely = package("shapely", "gis", "a .gpkg file")
     about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning, "body": "MOON"}
-    before = pyogrio.get_gdal_config_option("OGR_CURRENT_DATE")
-    pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": FIXED_TIME})
+    before = {name: pyogrio.get_gdal_config_option(name) for name in _OPTIONS}
+    pyogrio.set_gdal_config_options(_OPTIONS)
 
     def write(files: tuple[Path, Path]) -> None:
         for name, kind, geometry, fields in layers(points, "a .gpkg file"):
@@ -129,7 +138,7 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
     try:
         write_checked(write, path)
     finally:
-        pyogrio.set_gdal_config_options({"OGR_CURRENT_DATE": before})
+        pyogrio.set_gdal_config_options(before)
 
 
 def write_geojson(points: ExportedPoints, path: Path) -> None:

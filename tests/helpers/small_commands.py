@@ -70,7 +70,8 @@ COMMANDS = {
     "report": Words("report full.h5 -o r.html"),
     "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {_SUN}"),
     "diff": Words("diff west.h5 east.h5 -o d.csv"),
-    **{f"export {ending}": Words(f"export full.h5 -o out{ending}", together=True) for ending in EXPORTS},
+    **{f"export {ending}": Words(f"export plain.h5 -o out{ending}", together=True) for ending in EXPORTS},
+    "export .csv": Words("export full.h5 -o out.csv", together=True),
     "flight-source": Words("flight-source -o src"),
     "merge": Words("merge west.h5 east.h5 -o m.h5"),
     "validate": Words("validate patches.h5 frame.png --camera frame.json --dem dem.tif --attitude-sigma 0 -o v"),
@@ -94,12 +95,13 @@ def prepare(folder: Path, names: Iterable[str] = COMMANDS) -> None:
         folder, "LDEM_64", "LDEM_64", text, frame, real_heights.hadley, False, **scale
     )
     (folder / "build.toml").write_text(BUILD)
-    write_catalog(catalogs.full(6), folder / "full.h5")
+    write_catalog(catalogs.full(2), folder / "full.h5")
+    write_catalog(catalogs.catalog(2), folder / "plain.h5")
     export(folder / "full.h5", folder / "site.lcpf")
-    every = merges.whole(16)
+    every = merges.whole(9)
     for name, (west, east) in {"west": (2.1, 3.7), "east": (3.3, 4.9)}.items():
         write_catalog(merges.part(every, west, east), folder / f"{name}.h5")
-    write_catalog(navigable.everywhere_usable(20), folder / "usable.h5")
+    write_catalog(navigable.everywhere_usable(9), folder / "usable.h5")
     if any("camera" in COMMANDS[name].line or "way.csv" in COMMANDS[name].line for name in names):
         _frames(folder)
     shutil.copy(SAMPLE / "goniometer_synthetic.csv", folder / "paint.csv")
