@@ -144,13 +144,9 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
                     f"{name}{' --overwrite' if old else ''}: {fault} ({ended.failed}): {outcome}",
                     flush=True,
                 )
-    cells = [_cell(found[kind]) for kind in given.kinds]
-    (folder / f"{_file(name)}.row").write_text(f"| `{name}` | {' | '.join(cells)} |\n")
-    print(
-        f"{name}: {sum(sum(one.values()) for one in found.values())} calls, {time.monotonic() - start:.0f} s",
-        file=sys.stderr,
-        flush=True,
-    )
+    row = f"| `{name}` | {' | '.join(_cell(found[kind]) for kind in given.kinds)} |"
+    (folder / f"{_file(name)}.row").write_text(f"{row}\n")
+    print(f"{row} {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
     return not any(one["wrong"] for one in found.values())
 
 

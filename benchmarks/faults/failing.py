@@ -340,7 +340,7 @@ def _is_writing(place: Path) -> bool:
         with suppress(OSError):
             file = os.readlink(opened)
             how = int(Path("/proc/self/fdinfo", opened.name).read_text().split()[3], 8)
-            if file.startswith(f"{place}/") and not file.endswith(LOCK) and how & os.O_ACCMODE:
+            if file.startswith(f"{place}/") and LOCK not in file and how & os.O_ACCMODE:
                 return True
     return False
 
