@@ -63,6 +63,10 @@ for kind in KINDS:
         fault = Fault(kind, nth, *KINDS[kind][0])
         ended = attempts.run("", attempts.place({}), fault)
         found[str(fault)] = [ended.failed, ended.out, ended.err.splitlines()[-1:]]
+for how in failing.ALONE:
+    for kind in ("read", "write"):
+        ended = attempts.run("", attempts.place({}), Fault(kind, 1, "EINTR", how))
+        found[f"{how} {kind}"] = [ended.code, ended.out, ended.err, ended.calls[kind]]
 print(json.dumps(found))
 """
 
@@ -79,6 +83,15 @@ def test_the_library_lets_each_call_fail(tmp_path: Path) -> None:
         "open": 3, "read": 3, "write": 3, "rename": 2, "unlink": 2, "fsync": 1,
         "ftruncate": 1, "mmap": 1, "mkdir": 1, "close": 3, "malloc": 0,
     }  # fmt: skip
+    # Python makes interrupted and half calls again, the C library half ones
+    assert [found.pop(f"{how} read") for how in failing.ALONE] == [
+        [0, "0\n", "", 6],
+        [0, "0\n", "", 6],
+    ]
+    assert [found.pop(f"{how} write") for how in failing.ALONE] == [
+        [0, "-1\n", "", 5],
+        [0, "0\n", "", 5],
+    ]
     for fault, (failed, out, err) in found.items():
         kind, _, error = fault.split()[:3]
         assert failed, fault
@@ -86,6 +99,48 @@ def test_the_library_lets_each_call_fail(tmp_path: Path) -> None:
             assert out != "0\n" or kind == "open", (fault, out)
         else:
             assert os.strerror(getattr(errno, error)) in err[0], (fault, err)
+
+
+TWINS = """
+import json, sys
+from pathlib import Path
+from benchmarks.faults import calls, failing
+from tests.helpers.small_commands import COMMANDS, prepare
+
+folder, words = Path(sys.argv[1]), COMMANDS["export .lcpf"]
+prepare(folder, ["export .lcpf"])
+attempts = failing.Attempts(folder / "runs")
+calls._warm(attempts, words, words.inputs(folder))
+trial = failing.Trial.of(attempts, words, words.inputs(folder))
+made = trial.calls(attempts, "")
+faults = [failing.Fault(kind, nth, "EIO", "once") for kind in ("open", "read", "write", "rename", "close")
+          for nth in range(1, made[kind] + 1, max(1, made[kind] // 5))]
+stations = len(attempts.stations(trial.line, attempts.place(trial.inputs), ""))
+forked = attempts.ends(trial.line, trial.inputs, faults, "")
+
+def said(fault, outcome, ended):
+    return [str(fault), outcome, ended.code, ended.err.partition(" (file read")[0], ended.calls]
+
+print(json.dumps([stations, len(forked), len(faults),
+    [said(*each) for each in trial.outcomes(attempts, faults)],
+    [said(fault, *trial.outcome(attempts, fault)) for fault in faults]]))
+"""
+
+
+def test_a_fork_of_a_command_ends_as_the_command(tmp_path: Path) -> None:
+    """One that forks shortly before the call that fails, and one that runs from its start."""
+    environment = os.environ | {"LD_PRELOAD": str(failing.built(tmp_path))}
+    environment["NUMBA_THREADING_LAYER"] = "workqueue"
+    command = [sys.executable, "-c", TWINS, str(tmp_path)]
+    root = Path(__file__).resolve().parents[1]
+    ended = subprocess.run(
+        command, cwd=root, env=environment, capture_output=True, text=True, check=True
+    )
+    stations, forked, tried, found, expected = json.loads(ended.stdout.splitlines()[-1])
+    assert stations > 10
+    assert forked > tried // 3
+    assert {outcome for _, outcome, *_ in expected} == {"whole", "refused"}
+    assert found == expected
 
 
 WRITE = failing.Fault("write", 1, "EIO", "once")
