@@ -23,6 +23,7 @@ from ..arrays import Array, Mask
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from ..geometry.bounds import Bounds, enclosing_arc, turned_deg, wrapped_deg
+from ..geometry.map_plane import lunar_crs
 from ..pds.label import Label
 
 Projection = Literal["equirectangular", "polar-stereographic"]
@@ -34,8 +35,6 @@ class Crs:
     """
 
     def __init__(self, wkt: str) -> None:
-        from ..geometry.map_plane import lunar_crs  # noqa: PLC0415  # pyproj takes 0.1 s: only where a CRS is read
-
         crs, _ = lunar_crs(wkt, (MOON_RADIUS_M - 0.5, MOON_RADIUS_M + 0.5))
         self.center_lon_deg = 0.0
         self.true_lat_deg = 0.0

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
@@ -20,6 +20,9 @@ from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from .bounds import Bounds, turned_deg, wrapped_deg
 from .frames import EnuFrame, enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
+
+if TYPE_CHECKING:
+    import pyproj
 
 RADIUS_RANGE_M = (1_730_000.0, 1_742_000.0)
 """Range of axes that are accepted as the Moon's: radii of 1735 to 1738.1 km are in use."""
@@ -36,6 +39,8 @@ def lunar_crs(
     Raises LabelError for a text that is no CRS, for another kind of CRS, and for axes outside
     ``radius_range_m``.
     """
+    import pyproj  # noqa: PLC0415  # 20 MB and 0.1 s: only where a CRS is read
+
     try:
         crs = pyproj.CRS.from_wkt(wkt)
     except pyproj.exceptions.CRSError as error:
@@ -71,6 +76,8 @@ class MapProjection:
         """Transformer from longitude and geodetic latitude, degrees, from the Moon's prime
         meridian, to the map.
         """
+        import pyproj  # noqa: PLC0415  # as in `lunar_crs`
+
         major, minor = self.radius_m, self.radius_m * self._axis_ratio
         longlat = pyproj.CRS.from_dict({"proj": "longlat", "a": major, "b": minor})
         return pyproj.Transformer.from_crs(longlat, self.crs, always_xy=True)

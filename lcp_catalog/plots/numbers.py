@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 import re
+from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 _POWER = re.compile(r"\b10\^(-?\d+)\b")
@@ -57,15 +57,20 @@ def _power(exponent: int) -> str:
     return f"10{str(exponent).translate(_RAISED)}" if exponent else "1"
 
 
-_TEMPLATES = Environment(
-    loader=PackageLoader("lcp_catalog.plots"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
-_TEMPLATES.filters |= {"typeset": typeset, "number": number}
+@cache
+def _templates() -> Any:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415  # 7 MB: only where a page is made
+
+    found = Environment(
+        loader=PackageLoader("lcp_catalog.plots"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    found.filters |= {"typeset": typeset, "number": number}
+    return found
 
 
 def page(template: str, **content: Any) -> str:
@@ -75,10 +80,10 @@ def page(template: str, **content: Any) -> str:
     filter ``typeset`` raises powers of ten in a text (`numbers.typeset`).
     jinja2.UndefinedError for a name that the template uses and ``content`` lacks.
     """
-    return _TEMPLATES.get_template(template).render(content)
+    return str(_templates().get_template(template).render(content))
 
 
 def drawing(name: str, *content: Any) -> Markup:
     """The SVG of a macro of ``templates/drawings.svg.j2``, without its line ends."""
-    macro = getattr(_TEMPLATES.get_template("drawings.svg.j2").module, name)
+    macro = getattr(_templates().get_template("drawings.svg.j2").module, name)
     return Markup(macro(*content).replace("\n", ""))
