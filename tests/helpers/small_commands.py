@@ -72,6 +72,7 @@ COMMANDS = {
     "diff": Words("diff west.h5 east.h5 -o d.csv"),
     **{f"export {ending}": Words(f"export plain.h5 -o out{ending}", together=True) for ending in EXPORTS},
     "export .csv": Words("export full.h5 -o out.csv", together=True),
+    "help": Words("help export", again=""),
     "flight-source": Words("flight-source -o src"),
     "merge": Words("merge west.h5 east.h5 -o m.h5"),
     "validate": Words("validate patches.h5 frame.png --camera frame.json --dem dem.tif --attitude-sigma 0 -o v"),
