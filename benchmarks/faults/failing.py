@@ -235,8 +235,9 @@ class Attempts:
                         os._exit(0)
                     now = content_of(place)
                     ended = self._branched(place, fault, here)
+                    left = content_of(place)
                     with results.open("ab") as file:
-                        pickle.dump((fault, ended, content_of(place)), file)
+                        pickle.dump((fault, ended, None if left == content else left), file)
                     _restore(place, now)
 
         self.run(words, place, Fault(kind, 2**62, "EIO", "once") if kind else None, serve)
@@ -245,7 +246,7 @@ class Attempts:
         with results.open("rb") as file:
             while file.peek():
                 fault, ended, left = pickle.load(file)
-                found[fault] = ended, left
+                found[fault] = ended, content if left is None else left
         return found
 
     def _branched(self, place: Path, fault: Fault, here: Mapping[str, int]) -> Ended:
