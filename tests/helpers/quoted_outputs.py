@@ -28,7 +28,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 SESSION = re.compile(r"^<!-- commands run in (the checkout|an empty folder) -->$", re.M)
 _MARK = re.compile(r"<!-- (not run|exit code|file):? (.+) -->")
-_PROGRESS = re.compile(r"^.*: \d+ of \d+, \S+ a minute.*\n|^compiling kernels .*\n", re.M)
+_PROGRESS = re.compile(
+    r"^.*: \d+ of \d+, \S+ a minute.*\n|^.*: .*, .* so far\n|^compiling kernels .*\n", re.M
+)
 _WIDTH = 110
 
 
