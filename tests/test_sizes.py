@@ -39,8 +39,8 @@ BUDGETS = {
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
     # 204 what is proved of the flight file's reference
-    # 30 STAC items, 10 calls that fail
-    "words of docs": 50041,
+    # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
+    "words of docs": 50211,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
