@@ -144,8 +144,9 @@ def _smaller(catalog: str, output: str, found: Descent) -> str:
 
     size, scales = os.path.getsize(output), int(FlightFile.of(output).header["scales"])
     share = size / whole_bytes(open_catalog(catalog, check=False), scales)
-    low, high = found.located.min(), found.located.max()
+    low, middle, high = (sorted(found.located)[k] for k in (0, len(found.located) // 2, -1))
     return (
-        f"{output}: {size} bytes, {100 * share:.1f} % of those without the trajectory; of its {len(found.located)} frames "
-        f"each is located with a probability of {low:.3f} to {high:.3f}"
+        f"{output}: {size} bytes, {100 * (1 - share):.1f} % less than without the trajectory; probability that one of its "
+        f"{len(found.located)} frames is located: {low:.3f} to {high:.3f}, median {middle:.3f}, at least 0.99 in "
+        f"{sum(value >= 0.99 for value in found.located)}"
     )

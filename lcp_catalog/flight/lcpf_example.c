@@ -153,10 +153,14 @@ int main(int argc, char **argv) {
     int32_t n = 0, wrong = 0, compared = 0;
     double six[6][6], worst = 0.0;
     if (argc < 4) return fprintf(stderr, "usage: lcpf_example site.lcpf camera.txt frame.pgm [expected.txt]\n"), 2;
-    int code = lcpf_open(&site, content, read_file(argv[1], content, sizeof content));
-    if (code || !read_camera(argv[2], &camera) || !read_image(argv[3], &camera, &image))
-        return fprintf(stderr, "an input cannot be read (code %d)\n", code), 2;
-    if ((code = lcpf_in_view(&site, &camera, claims, POINTS, &count)) != 0) return fprintf(stderr, "code %d\n", code), 2;
+    const size_t size = read_file(argv[1], content, sizeof content);
+    int code = size < sizeof content ? lcpf_open(&site, content, size) : LCPF_TOO_LARGE;
+    if (code)
+        return fprintf(stderr, "%s: is no flight file, is damaged, or is 4 MB or larger (code %d of lcpf.h)\n", argv[1], code), 2;
+    if (!read_camera(argv[2], &camera)) return fprintf(stderr, "%s: is no camera of the example\n", argv[2]), 2;
+    if (!read_image(argv[3], &camera, &image)) return fprintf(stderr, "%s: is no PGM image of the camera's size\n", argv[3]), 2;
+    if ((code = lcpf_in_view(&site, &camera, claims, POINTS, &count)) != 0)
+        return fprintf(stderr, "%s: the points in view cannot be read (code %d of lcpf.h)\n", argv[1], code), 2;
     for (uint32_t k = 0; k < count; k++) {
         const int32_t offset[2] = {0, 0};
         lcpf_match match;

@@ -124,13 +124,15 @@ static void images(const lcpf_file *file, long rounds, long code[16]) {
 }
 
 int main(int argc, char **argv) {
-    static uint8_t content[1000000];
+    static uint8_t content[4000000];
     FILE *file = argc > 3 ? fopen(argv[1], "rb") : NULL;
     size_t size = file ? fread(content, 1, sizeof content, file) : 0;
     long code[2][16] = {{0}};
     lcpf_file site;
     if (file) fclose(file);
-    if (lcpf_open(&site, content, size) || lcpf_check(&site)) return fprintf(stderr, "usage: lcpf_fuzz site.lcpf FILES IMAGES [SEED]\n"), 2;
+    if (argc < 4) return fprintf(stderr, "usage: lcpf_fuzz site.lcpf FILES IMAGES [SEED]\n"), 2;
+    if (size == sizeof content || lcpf_open(&site, content, size) || lcpf_check(&site))
+        return fprintf(stderr, "%s: is no whole flight file below 4 MB\n", argv[1]), 2;
     if (argc > 4) state += 2654435761u * (uint64_t)atol(argv[4]);
     files(content, size, atol(argv[2]), code[0]);
     images(&site, atol(argv[3]), code[1]);
