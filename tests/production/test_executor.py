@@ -73,25 +73,30 @@ def known_modules(_: int) -> tuple[int, bool]:
 
 PARALLEL_KERNELS = """
 import numpy as np
-from lcp_catalog.production.executor import run_tasks
 from lcp_catalog.kernels.matching.patches import halved
 
 def half(k):
     out = np.empty((1, 2, 2), np.float32)
     halved(np.full((1, 4, 4), k, np.float32), out)
     return float(out[0, 0, 0])
+"""
+PROGRAM = """
+from lcp_catalog.production.executor import run_tasks
+from parallel_kernels import half
 
-
-if __name__ == "__main__":
-    print(sorted(run_tasks(half, [1, 2, 3], 2)))
+print(sorted(run_tasks(half, [1, 2, 3], 2)))
 """
 
 
 def test_workers_with_parallel_kernels_leave_nothing_behind(tmp_path: Path) -> None:
     """Python would warn of named semaphores that ended workers leave."""
     script = tmp_path / "run.py"
-    script.write_text(PARALLEL_KERNELS)
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    script.write_text(PROGRAM)
+    (tmp_path / "parallel_kernels.py").write_text(PARALLEL_KERNELS)
+    known = os.environ | {"PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, check=True, env=known
+    )
     assert done.stdout == "[(0, 1.0), (1, 2.0), (2, 3.0)]\n"
     said = [line for line in done.stderr.splitlines() if "compiling kernels" not in line]
     assert said == []
