@@ -40,7 +40,7 @@ BUDGETS = {
     # 130 one brightness
     # 204 what is proved of the flight file's reference
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
-    "words of docs": 50250,
+    "words of docs": 50263,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
