@@ -42,14 +42,15 @@ def test_it_is_smaller_and_says_so(site: Path, capsys) -> None:
     said = capsys.readouterr().err
     few, whole = (FlightFile.of(site / f"{name}.lcpf") for name in ("few", "whole"))
     share = (site / "few.lcpf").stat().st_size / (site / "whole.lcpf").stat().st_size
-    assert f"{few.header['file_bytes']} bytes, {100 * share:.1f} % of those without" in said
+    assert f"{few.header['file_bytes']} bytes, {100 * (1 - share):.1f} % less than without" in said
     located = [
         answer.joint.located for answer in lcp.query_trajectory(site / "c.h5", site / "way.json")
     ]
     assert (
-        f"2 frames each is located with a probability of {min(located):.3f} to {max(located):.3f}"
+        f"2 frames is located: {min(located):.3f} to {max(located):.3f}, median {max(located):.3f}"
         in said
     )
+    assert f"at least 0.99 in {sum(value >= 0.99 for value in located)}\n" in said
     assert len(few.points) < len(whole.points)
     assert few.header["suns"] <= 6 < whole.header["suns"]
 
