@@ -221,7 +221,7 @@ class Catalog(CatalogParts):
 
     def _repr_html_(self) -> str:
         """A short table for a notebook: counts, region and the usable share by Sun, which reads the conditions."""
-        from .summary import summary, summary_rows  # noqa: PLC0415  # it imports this module
+        from .summary import summary, summary_rows
 
         found = summary(self)
         rows = summary_rows(found) + [
@@ -284,7 +284,7 @@ class Catalog(CatalogParts):
         attributes. Those of a file are read when they are used, the part that is selected, and checked.
         MissingPackageError without xarray.
         """
-        from .notebook import dataset  # noqa: PLC0415  # it imports this module
+        from .notebook import dataset
 
         return dataset(self)
 
@@ -292,7 +292,7 @@ class Catalog(CatalogParts):
         """`to_dataframe` as a geopandas.GeoDataFrame: points of longitude (-180..180), latitude and elevation (m) in
         IAU_2015:30100, the sphere of the Moon. MissingPackageError without geopandas.
         """
-        from .notebook import geodataframe  # noqa: PLC0415
+        from .notebook import geodataframe
 
         return geodataframe(self)
 
@@ -324,7 +324,7 @@ class Catalog(CatalogParts):
         MissingPackageError
             Without matplotlib.
         """
-        from .notebook import plot  # noqa: PLC0415
+        from .notebook import plot
 
         return plot(self, what, ax, sun, view)
 
@@ -335,10 +335,10 @@ class Catalog(CatalogParts):
         camera: Any,
         sun: Any = None,
         *,
-        max: int | None = None,  # noqa: A002
+        max: int | None = None,  # noqa: A002  # the option of `lcp query`
     ) -> Answer:
         """`lcp_catalog.query` with ``most`` points at the ``max``, for a camera, or its file, and a Sun."""
-        from .. import query  # noqa: PLC0415
+        from .. import query
 
         return query(self, camera, sun, most=max)
 
@@ -346,7 +346,7 @@ class Catalog(CatalogParts):
         self, image: Any, uncertainty: Uncertainty | None = None, *, camera: Any = None
     ) -> Fix:
         """`lcp_catalog.locate` for an image, or its file; without an uncertainty 1 km and 0.1 deg, 1 sigma."""
-        from .. import locate  # noqa: PLC0415
+        from .. import locate
 
         return locate(self, image, uncertainty, camera=camera)
 
@@ -360,19 +360,19 @@ class Catalog(CatalogParts):
         camera: Any = None,
     ) -> Any:
         """`lcp_catalog.windows` from ``start`` to ``stop`` in steps (`lcp_catalog.instant_range`)."""
-        from .. import instant_range, windows  # noqa: PLC0415
+        from .. import instant_range, windows
 
         return windows(self, center, instant_range(start, stop, step), camera=camera)
 
     def export(self, output: Path | str, *, overwrite: bool = False) -> int:
         """`lcp_catalog.export` of these points, in the format of the output's ending; their number."""
-        from .. import export  # noqa: PLC0415
+        from .. import export
 
         return export(self, output, overwrite=overwrite)
 
     def report(self, output: Path | str, *, overwrite: bool = False) -> None:
         """`lcp_catalog.report`: the page of this catalogue."""
-        from .. import report  # noqa: PLC0415
+        from .. import report
 
         report(self, output, overwrite=overwrite)
 

@@ -106,7 +106,7 @@ def test_a_sun_at_an_instant() -> None:
         assert lcp.SunChoice(time_utc=time) in (lcp.Sun.at(text), lcp.SunChoice(time_utc=text))
     assert lcp.instant_range(of_day, "2026-03-02", "6h").labels()[-1] == "2026-03-02T00:00:00Z"
     with pytest.raises(errors.KindError, match="`time` must be ISO text, a datetime"):
-        lcp.Sun.at(5)  # type: ignore[arg-type]
+        lcp.Sun.at(5)  # type: ignore[arg-type]  # wrong on purpose
     assert lcp.SunChoice.of(np.datetime64(text)) == lcp.Sun.at(text)
     with pytest.raises(errors.SunError, match="invalid time: 'noon'"):
         lcp.Sun.at("noon")

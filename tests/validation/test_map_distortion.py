@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import kstest
 
 from lcp_catalog.cameras.sensor import ON_MAP, POSE
-from lcp_catalog.validation import map_distortion
+from lcp_catalog.validation import map_distortion, run
 from lcp_catalog.validation.map_distortion import distortion_advice, smooth_pattern
 
 PLACES = np.random.default_rng(0).uniform(0.0, 400.0, (40, 2))
@@ -81,3 +81,24 @@ def test_a_distorted_map_is_named(monkeypatch, kind, pattern_px, named) -> None:
     )
     assert said.startswith("the matches leave a smooth pattern of 0.78 px rms") == named
     assert bool(said) == named
+
+
+@pytest.mark.parametrize("kind", [ON_MAP, POSE])
+@pytest.mark.parametrize("known", [True, False])
+def test_claims_are_tried_where_the_place_is_known(monkeypatch, kind, known) -> None:
+    """Also those of a map, and also where it was not located; without a known place there is no trial then."""
+    asked = []
+
+    class Search:
+        def __init__(self, catalog, image, model, criteria, true):
+            asked.append(true)
+
+        def claims(self, rows, searched):
+            asked.append(searched)
+
+    monkeypatch.setattr(run, "ClaimSearch", Search)
+    sensor = SimpleNamespace(corrections=kind)
+    request = SimpleNamespace(pose_is_known=known, law=None)
+    located = SimpleNamespace(pose=None, matches=SimpleNamespace(point=np.arange(3)))
+    run._claims(request, None, located, SimpleNamespace(sensor=sensor), None)
+    assert asked == [sensor if known else None, known]
