@@ -1,20 +1,23 @@
-"""``lcp camera``: what a camera file describes."""
+"""``lcp camera``: what a camera file describes, and camera files from SPICE kernels."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 
 from .files import FileCommand, InputFile, OutputFile
 from .messages import EXIT_NO, echo, say
-from .options import check_outputs, dems_option, overwrite_option
+from .options import check_outputs, dems_option, output_option, overwrite_option
+from .sun import range_of
+from .value_types import POSITIVE, Instant, KeyNumbers, Step
 
 
 @click.group()
 def command() -> None:
-    """Inspect camera files."""
+    """Inspect camera files, and make them from SPICE kernels."""
 
 
 @command.command(
@@ -66,3 +69,112 @@ def info(
     if plot is not None:
         say(f"{plot}: written")
     return EXIT_NO if found.problems else 0
+
+
+def _kernels(path: str) -> Iterator[Path]:
+    """The files that a meta-kernel names."""
+    from lcp_catalog.cameras.spice import kernel_files
+
+    yield from kernel_files(path)
+
+
+@command.command(
+    cls=FileCommand,
+    rule=True,
+    example="lcp camera from-spice --kernels META.tm --observer LRO --instrument LRO_LROCWAC --time 2026-03-01T12:00 "
+    "-o CAMERA.json",
+)
+@click.option(
+    "--kernels",
+    multiple=True,
+    required=True,
+    type=InputFile(_kernels),
+    metavar="META.tm...",
+    help="SPICE kernels, or meta-kernels that name them: SPK, CK, SCLK, FK, IK, LSK, and the Moon's PCK and FK.",
+)
+@click.option("--observer", required=True, metavar="NAME", help="The spacecraft, or its number.")
+@click.option("--instrument", required=True, metavar="NAME", help="The camera, or its number.")
+@click.option("--time", type=Instant(), metavar="UTC", help="Of a framing camera: the instant.")
+@click.option(
+    "--range",
+    "span",
+    type=click.Tuple([Instant(), Instant(), Step()]),
+    metavar="START STOP STEP",
+    help="Of a framing camera: a trajectory, a camera each STEP (30s, 1m, PT1M).",
+)
+@click.option(
+    "--start", type=Instant(), metavar="UTC", help="Of a line scanner: begin of the first line."
+)
+@click.option(
+    "--stop", type=Instant(), metavar="UTC", help="Of a line scanner: end of the last line."
+)
+@click.option(
+    "--line-time",
+    "line_s",
+    type=POSITIVE,
+    metavar="S",
+    help="Of a line scanner: seconds a line (LINE_EXPOSURE_DURATION of a PDS label is in ms).",
+)
+@click.option(
+    "--summing",
+    type=click.IntRange(1, 64),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Pixels of the detector along a side of the image's pixel.",
+)
+@click.option(
+    "--ik",
+    multiple=True,
+    type=KeyNumbers(),
+    metavar="KEY=NUMBER,...",
+    help="Keyword of the instrument kernel, without INS<id>_, that it lacks or has wrong: FOCAL_LENGTH=700.",
+)
+@click.option(
+    "--body-frame",
+    metavar="NAME",
+    help="The Moon's frame; default: the kernels' mean-Earth frame MOON_ME, in which catalogues are.",
+)
+@output_option("CAMERA.json")
+@overwrite_option
+def from_spice(
+    kernels: tuple[str, ...],
+    observer: str,
+    instrument: str,
+    time: str | None,
+    span: tuple[str, str, float] | None,
+    start: str | None,
+    stop: str | None,
+    line_s: float | None,
+    summing: int,
+    ik: tuple[tuple[str, tuple[float, ...]], ...],
+    body_frame: str | None,
+    output: str,
+    overwrite: bool,
+) -> None:
+    """Make a camera file from SPICE kernels (spiceypy, the extra spice).
+
+    --time writes a CAMERA.json, --range a list of them (a trajectory for lcp query and lcp build-catalog), --start, --stop and
+    --line-time the ISD of a line scanner. Positions and attitudes are geometric, without light time and aberration.
+    """
+    scanned = (start is not None) + (stop is not None) + (line_s is not None)
+    if scanned not in {0, 3} or (time is not None) + (span is not None) + (scanned == 3) != 1:
+        raise click.UsageError(
+            "give --time UTC, or --range START STOP STEP, or --start, --stop and --line-time of a line scanner"
+        )
+    check_outputs(overwrite, output)
+
+    from lcp_catalog.atomic_files import write_bytes
+    from lcp_catalog.cameras.spice import SpiceCamera
+
+    orbiter = SpiceCamera(observer, instrument, kernels, dict(ik), body_frame, summing)
+    document: object
+    if start is not None and stop is not None and line_s is not None:
+        document = orbiter.scanner_isd(start, stop, line_s)
+    elif span is not None:
+        document = [camera.to_json() for camera in orbiter.along(range_of(span))]
+    else:
+        assert time is not None
+        document = orbiter.at(time).to_json()
+    write_bytes(output, f"{json.dumps(document, allow_nan=False)}\n".encode(), overwrite)
+    say(f"{output}: written")

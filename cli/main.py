@@ -24,7 +24,7 @@ COMMANDS = {
     "sample": ("sample", "Write the sample data of the tutorial into a folder."),
     "dem": ("dem", "Describe, check or map DEM products."),
     "render": ("render", "Render a terrain image for one Sun direction and one view."),
-    "camera": ("camera", "Show what a camera sees, and what is wrong with its file."),
+    "camera": ("camera", "Show what a camera sees; make camera files from SPICE kernels."),
     "sun": ("sun", "Compute the Sun's azimuth and elevation at a place."),
     "build-catalog": ("build_catalog", "Build a catalogue of control points."),
     "inspect": ("inspect", "Summarise a catalogue and check that it is intact."),

@@ -154,3 +154,20 @@ class Names(ParamType):
         if not all(names):
             self.fail(f"{value!r} is not NAME,NAME...", param, ctx)
         return names
+
+
+class KeyNumbers(ParamType):
+    """``KEY=NUMBER``, or several numbers separated by commas."""
+
+    name = "numbers"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, tuple[float, ...]]:
+        if isinstance(value, tuple):
+            return value
+        key, _, numbers = value.partition("=")
+        try:
+            return key.strip(), tuple(float(one) for one in numbers.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not KEY=NUMBER or KEY=NUMBER,NUMBER...", param, ctx)

@@ -12,8 +12,10 @@ from ._version import __version__ as __version__
 
 if TYPE_CHECKING:
     from .cameras.camera_file import read_camera as read_camera
+    from .cameras.camera_file import read_sensor as read_sensor
     from .cameras.frame_camera import Camera as Camera
     from .cameras.sensor import Uncertainty as Uncertainty
+    from .cameras.spice import SpiceCamera as SpiceCamera
     from .catalog.catalogue import Catalog as Catalog
     from .catalog.comparison import diff as diff
     from .catalog.comparison import inspect as inspect
@@ -63,6 +65,7 @@ _MODULES = {
     "Fix": "matching.position_fix",
     "Image": "images.image",
     "LcpError": "errors",
+    "SpiceCamera": "cameras.spice",
     "Sun": "light.sun_choice",
     "SunChoice": "light.sun_choice",
     "Uncertainty": "cameras.sensor",
@@ -83,6 +86,7 @@ _MODULES = {
     "query": "navigation.expected_position",
     "query_trajectory": "navigation.expected_position",
     "read_camera": "cameras.camera_file",
+    "read_sensor": "cameras.camera_file",
     "render": "rendering.public",
     "render_patches": "matching.templates",
     "report": "catalog.comparison",

@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 from helpers import notebooks
+from helpers.spice_kernels import mission
 
 import lcp_catalog as lcp
 from lcp_catalog._package_files import write_sample
@@ -29,6 +30,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The names that the examples see."""
     folder = tmp_path_factory.mktemp("examples")
     write_sample(folder, overwrite=True)
+    mission(folder)  # META.tm
     config = lcp.BuildConfig.from_dict(
         {
             "sun": {"elevations_deg": [10.0, 15.0, 20.0], "azimuths_deg": [90.0, 105.0]},

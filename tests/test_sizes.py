@@ -32,15 +32,18 @@ BUDGETS = {
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
     # 72 STAC items, 10 imports where they are used
-    "code lines, lcp_catalog": 42450,
+    # 314 cameras from SPICE kernels
+    "code lines, lcp_catalog": 42764,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 32 help and examples, 31 progress within a step
-    "code lines, cli": 3791,
+    # 120 cameras from SPICE kernels
+    "code lines, cli": 3911,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
     # 204 what is proved of the flight file's reference
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
-    "words of docs": 50263,
+    # 360 cameras from SPICE kernels
+    "words of docs": 50623,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -179,11 +179,25 @@ FRAME_PIXELS_MAX = 100_000_000
 
 
 def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
-    """The sensor that a camera file describes; CameraError names the file and the invalid field.
+    """The sensor that a camera file describes: a framing camera, line scanner or push-frame camera.
 
-    ``shape``: rows and columns of the image, if known; required for a .tsai file, which does not
-    give them. CameraError for a file of an image of another shape, and for a framing camera that does
-    not see the Moon because of a mistake that `mistakes` recognises; doubts are logged as warnings.
+    Parameters
+    ----------
+    path:
+        A CAMERA.json, an ISD of USGS CSM/ALE, or a .tsai file.
+    shape:
+        Rows and columns of its image, if known; required for a .tsai file, which does not state them.
+
+    Raises
+    ------
+    CameraError
+        Names the file and the invalid field; also for a file of an image of another shape, and for a framing camera that
+        does not see the Moon because of a mistake that `mistakes` recognises. Doubts are logged as warnings.
+
+    Examples
+    --------
+    >>> lcp.read_sensor(folder / "AS15-M-0414_camera.json").kind
+    'framing camera'
     """
     sensor = unjudged_sensor(path, shape)
     if isinstance(sensor, Camera):

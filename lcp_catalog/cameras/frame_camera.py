@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..ephemeris.times import instants
+from ..ephemeris.times import Time, instants
 from ..errors import CameraError, KindError, SunError, unknown_keys
 from ..geometry.frames import EnuFrame
 from ..geometry.rotations import by_vector
@@ -70,6 +71,23 @@ class Camera(FullSensor):
     time_utc: str | None = None
     name: str = "camera"
     lens: Lens | None = None
+
+    @classmethod
+    def from_spice(
+        cls,
+        observer: str,
+        instrument: str,
+        time: Time,
+        kernels: Path | str | Sequence[Path | str] = (),
+        ik: Mapping[str, float | Sequence[float]] | None = None,
+        body_frame: str | None = None,
+    ) -> Camera:
+        """The camera of an instrument at an instant, from SPICE kernels: `SpiceCamera`, which has the parameters,
+        the errors and whole trajectories.
+        """
+        from .spice import SpiceCamera
+
+        return SpiceCamera(observer, instrument, kernels, ik or {}, body_frame).at(time)
 
     def __post_init__(self) -> None:
         position = self._numbers("position_mcmf_m", (3,))

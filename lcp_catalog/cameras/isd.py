@@ -33,7 +33,7 @@ from .trajectory import Attitude, Track, Trajectory
 _log = logging.getLogger(__name__)
 
 _INERTIAL = 1
-_MEAN_EARTH = {31001, 31003, 31005, 31007, 31009}
+_MEAN_EARTH = {31001, 31003, 31005, 31007, 31009, 31011}
 _RADIUS_TOLERANCE = 0.01
 _UNIT_TOLERANCE = 1e-3
 _CENTURY_S = 99.9 * 365.25 * 86400.0
@@ -287,7 +287,7 @@ def is_isd(fields: JsonFields) -> bool:
 def sensor_from_isd(fields: JsonFields) -> AnySensor:
     """The sensor that an ISD describes; CameraError names the file and the invalid field."""
     kinds: dict[str, Callable[[JsonFields, Tables], AnySensor]] = {
-        "USGS_ASTRO_FRAME_SENSOR_MODEL": _frame,
+        "USGS_ASTRO_FRAME_SENSOR_MODEL": frame_from_isd,
         "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL": _line_scanner,
         "USGS_ASTRO_PUSH_FRAME_SENSOR_MODEL": _push_frame,
     }
@@ -321,8 +321,12 @@ def _common(fields: JsonFields, tables: Tables) -> dict[str, Any]:
     }
 
 
-def _frame(fields: JsonFields, tables: Tables) -> Camera:
-    plane, axes = plane_of_isd(fields, looks_back=tables.looks_back)
+def frame_from_isd(fields: JsonFields, tables: Tables, looks_back: bool | None = None) -> Camera:
+    """The framing camera of an ISD. ``looks_back``: whether its scene is towards -z of the sensor frame;
+    None: where the Moon is.
+    """
+    back = tables.looks_back if looks_back is None else looks_back
+    plane, axes = plane_of_isd(fields, looks_back=back)
     trajectory = tables.trajectory.with_axes(axes)
     return Camera(
         position_mcmf_m=trajectory.positions(np.zeros(1))[0],
