@@ -27,8 +27,8 @@ from .render_options import RenderOptions, render_options
 @click.option(
     "--explain",
     is_flag=True,
-    help="Print the scene plan as JSON: which effects are modelled, why, and with what error bound. "
-    "Without -o nothing is rendered.",
+    help="Print the scene plan as JSON: which effects are modelled, why, with what error bound and switch, and "
+    "with -o what share of the time each takes. Without -o nothing is rendered.",
 )
 @options.overwrite_option
 def command(
@@ -55,11 +55,12 @@ def command(
     from lcp_catalog.rendering.pipeline import prepare
     from lcp_catalog.rendering.public import encode, picture, png
     from lcp_catalog.rendering.public import explain as explained
+    from lcp_catalog.rendering.renderer import priced
 
     options.check_outputs(overwrite, output, preview)
-    scene = prepare(asked.request())
+    scene, costs = prepare(asked.request()), None
     if output is not None:
-        image = scene.expose()
+        image, costs = priced(scene.expose)
         files = {output: encode(scene, image)}
         if preview is not None:
             seen = image.radiance if image.colour is None else image.colour
@@ -67,4 +68,4 @@ def command(
             files[preview] = png(picture(shown))
         write_files(files, overwrite)
     if explain:
-        click.echo(json.dumps(explained(scene), indent=2))
+        click.echo(json.dumps(explained(scene, costs), indent=2))

@@ -37,6 +37,9 @@ SURFACES = ("auto", "heightfield", "sphere")
 """Surfaces of a render: the DEM's heights or the plain sphere; ``auto``: the sphere where relief changes
 less than the accuracy admits."""
 
+SUN_SHAPES = ("point", "disc")
+"""Shapes of the Sun."""
+
 BOUNCES = ("auto", "on", "off")
 """Light that reaches ground by way of other ground: where the scene plan says that it shows, always, or
 never."""

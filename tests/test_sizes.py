@@ -27,23 +27,25 @@ BUDGETS = {
     # 4100, 350 for calls that fail, 25 for frames that are located, 131 for the flight file
     # 78 Kaguya's mare and LOLA's pole among the evidence, 45 all views and Suns of the flight file
     # 155 commands that fork before the call that fails
-    "code lines, benchmarks": 4878,
+    "code lines, benchmarks": 4877,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
     # 72 STAC items, 10 imports where they are used
     # 314 cameras from SPICE kernels
-    "code lines, lcp_catalog": 42764,
-    # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 32 help and examples, 31 progress within a step
+    # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
+    "code lines, lcp_catalog": 43138,
+    # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 120 cameras from SPICE kernels
-    "code lines, cli": 3911,
+    "code lines, cli": 3912,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
     # 204 what is proved of the flight file's reference
+    # 140 approximations
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
     # 360 cameras from SPICE kernels
-    "words of docs": 50623,
+    "words of docs": 50762,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -29,7 +29,6 @@ from benchmarks.speed.differences import ALL, FLAGS, Differences, Places, differ
 from benchmarks.speed.stages import LIBRARY, PIPELINE, STAGES, measured
 from benchmarks.timing import Task, in_turn, median, ratio
 from lcp_catalog.production.area_job import area_sweep, run_area
-from lcp_catalog.production.evaluation import image_scales
 from lcp_catalog.threads import limit_threads
 
 BEFORE = "4e256b5"
@@ -218,7 +217,7 @@ def roofline(asked: argparse.Namespace) -> Iterator[str]:
         one = Timed(partial(run_area, job), LIBRARY, run_area(job))
         for _ in range(asked.rounds):
             one.staged()
-        works = work_of(job, one.result, image_scales(job.recipe.config.points.patch_nodes))
+        works = work_of(job, one.result, job.recipe.config.points.scales)
         yield f"**{case.name}**\n\n{roofline_table(works, one.stages, machine)}"
 
 

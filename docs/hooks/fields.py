@@ -1,4 +1,4 @@
-"""mkdocs hook: the table of the configuration's fields, from their meanings in the code."""
+"""mkdocs hook: the tables of the configuration's fields and of the approximations, from the code."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any, get_type_hints
 
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.fields import Meaning, meanings
-from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.config import SUN_ELEVATIONS_DEG, BuildConfig
 
-MARK = "<!-- fields -->"
+MARK, APPROXIMATED = "<!-- fields -->", "<!-- approximations -->"
 
 
 def _default(value: object, meaning: Meaning) -> str:
@@ -26,6 +27,18 @@ def _rows() -> Iterator[str]:
             yield f"| `{section}.{field.name}` | {' | '.join(cells)} |"
 
 
+def approximations() -> Iterator[str]:
+    """Lines of the table of all approximations, with the alternatives to the default configuration."""
+    yield "| approximation | error | switch | alternatives |\n| --- | --- | --- | --- |"
+    usual = BuildConfig().replaced({"area.gsd_m": 118.0, "sun.elevations_deg": SUN_ELEVATIONS_DEG})
+    for one in APPROXIMATIONS:
+        switch = ", ".join(f"`{field}`" for field in one.switch) or one.unpriced
+        yield f"| {one.name} | {one.bound} | {switch} | {'; '.join(one.values(usual)) or 'not measured'} |"
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The page with the table in place of the mark."""
-    return markdown.replace(MARK, "\n".join(_rows())) if MARK in markdown else markdown
+    """The page with the tables in place of the marks."""
+    for mark, rows in ((MARK, _rows), (APPROXIMATED, approximations)):
+        if mark in markdown:
+            markdown = markdown.replace(mark, "\n".join(rows()))
+    return markdown

@@ -13,16 +13,18 @@ POINT_SPREAD_PX = 0.5
 """Default 1 sigma of an image's point spread, beside the pixel's own square."""
 
 
-def through_optics(images: Float32, scale: int) -> Float32:
+def through_optics(
+    images: Float32, scale: int, point_spread_px: float = POINT_SPREAD_PX
+) -> Float32:
     """Images (k, rows, cols) without NaN through a pixel's square and a Gaussian of
-    `POINT_SPREAD_PX` pixels; their borders are extended.
+    ``point_spread_px`` pixels; their borders are extended.
 
     ``scale``: nodes along a pixel of the image, which is the mean over that many nodes. The square
     of a pixel has the variance 1/12 px^2, of which the mean over nodes has taken (1 - 1/scale^2)/12;
     the rest is added to the Gaussian's.
     """
     out = np.empty_like(images)
-    kernels.blurred(images, _spread(POINT_SPREAD_PX**2 + 1.0 / (12.0 * scale**2)), out)
+    kernels.blurred(images, _spread(point_spread_px**2 + 1.0 / (12.0 * scale**2)), out)
     return out
 
 

@@ -45,7 +45,7 @@ RING = np.unique(
 
 
 class OtherPlaces(NamedTuple):
-    """Places that resemble n patches. ``correlation``, ``contrast`` (n, `RIVALS`): the highest
+    """Places that resemble n patches. ``correlation``, ``contrast`` (n, most): the highest
     correlations of each patch with other places, best first, and the standard deviations of the
     image's windows there, NaN where there are fewer. ``near``, ``near_contrast`` (n, k): the same at
     the distances `RING` from the patch's own place, NaN for windows that leave the image.
@@ -96,6 +96,7 @@ def other_places(
     least: Array | None = None,
     exclusion: float = EXCLUSION_PX,
     exact: bool = False,
+    most: int = RIVALS,
 ) -> OtherPlaces:
     """Other places that resemble patches (n, p, p), at nodes (rows, cols) of one of the images (k,
     rows, cols), ``which`` (n,) (default: the first): those whose centres lie within +-``search``
@@ -111,11 +112,11 @@ def other_places(
 
     Maxima below ``least`` (n,), except the two highest, may be left out (`detection.least_rival`). Half
     resolution is searched first, then full resolution from its highest maxima. ``exact``: full
-    resolution everywhere, as for small patches and small search areas. ValueError for images that are
-    prepared for patches of another size.
+    resolution everywhere, as for small patches and small search areas. ``most``: greatest number of
+    places for each patch. ValueError for images that are prepared for patches of another size.
     """
     size, count = patches.shape[1], len(rows)
-    shapes = ((count, RIVALS), (count, RIVALS), (count, len(RING)), (count, len(RING)))
+    shapes = ((count, most), (count, most), (count, len(RING)), (count, len(RING)))
     if not isinstance(images, SearchImages):
         if min(images.shape[1:]) < size:
             return OtherPlaces(*(np.full(shape, np.nan) for shape in shapes))

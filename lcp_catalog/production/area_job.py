@@ -28,7 +28,7 @@ from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, s
 from ..terrain.terrain import Ground, Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
-from .evaluation import Evaluation, PlaceErrors, evaluate, image_scales
+from .evaluation import Evaluation, PlaceErrors, evaluate
 from .recipe import Recipe
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
 
@@ -249,9 +249,7 @@ def _evaluated(job: AreaJob, core: _Core, sweep: Sweep, rows: Index, cols: Index
     at = core.places(rows, cols)
     errors = _place_errors(job.recipe, at, found.product)
     turns = _turns(core.terrain.frame, at, config)
-    parts = Evaluation.empty(
-        len(rows), len(image_scales(config.points.patch_nodes)), sweep.conditions.shape
-    )
+    parts = Evaluation.empty(len(rows), len(config.points.scales), sweep.conditions.shape)
     for turn in np.unique(turns):
         group = np.flatnonzero(turns == turn)
         part, row0, col0 = sweep.around(rows[group], cols[group], core.halo, float(turn))

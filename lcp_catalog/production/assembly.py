@@ -27,7 +27,6 @@ from ..rendering.plan import ScenePlan
 from .checkpoints import Checkpoints, JoinedAreas
 from .config import BuildConfig
 from .error_config import ErrorConfig
-from .evaluation import image_scales
 from .finished_area import record_type
 from .promise import PromiseChoice
 from .recipe import Recipe
@@ -138,7 +137,7 @@ class Assembly:
         columns |= {name: empty[name].astype(np.float32) for name in PACKED}
         return Catalog(
             **columns,  # by the schema's names, which are the fields of the model
-            image_scale=np.array(image_scales(config.points.patch_nodes), dtype=np.float64),
+            image_scale=np.array(config.points.scales, dtype=np.float64),
             sun_azimuth=np.array(sun.azimuths_deg),
             sun_elevation=np.array(sun.elevations_deg),
             view_off_nadir=np.array(view.off_nadir_deg),

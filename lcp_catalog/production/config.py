@@ -25,6 +25,7 @@ from ..choices import (
     MOON_MAP,
     NO_MAP,
     REFLECTANCE_MODELS,
+    SUN_SHAPES,
 )
 from ..errors import ConfigError, plain, unread
 from ..fields import check_fields, meanings, meant, require
@@ -402,6 +403,17 @@ class ModelConfig:
         least=AREA_NODES_MIN,
         most=4096,
     )
+    sun: str | None = meant(
+        None,
+        "Shape of the Sun in the images: a point, or a disc with penumbras.",
+        default=SUN_SHAPES[0],
+        choices=SUN_SHAPES,
+    )
+    whole_search: bool | None = meant(
+        None,
+        "Seek places that resemble a point at full resolution everywhere.",
+        default="that of the tier: false in draft and standard, true in high and reference",
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "model")
@@ -423,7 +435,10 @@ class ModelConfig:
     @property
     def precision(self) -> Accuracy:
         """The accuracy of the tier or the tolerance."""
-        return accuracy(self.accuracy, self.tolerance)
+        found = accuracy(self.accuracy, self.tolerance)
+        if self.whole_search is None:
+            return found
+        return dataclasses.replace(found, whole_search=self.whole_search)
 
     def beside(self, folder: Path) -> ModelConfig:
         """The same with file names relative to a folder resolved; absolute names stay."""

@@ -17,7 +17,6 @@ from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
-from .evaluation import image_scales
 from .executor import FORKED
 from .finished_area import record_type, table_of, units_of
 from .promise import PromisedPlaces
@@ -124,9 +123,7 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     merge_mb = _merge_mb(level, points, candidates)
     layers = 1 if config.model.albedo_file is None else 2  # of a patch: heights, and brightness
     patch = config.points.patch_nodes**2 * 4 * layers
-    claims = int(np.prod(conditions[sample].shape)) * (
-        1 + _CLAIM_BYTES * len(image_scales(config.points.patch_nodes))
-    )
+    claims = int(np.prod(conditions[sample].shape)) * (1 + _CLAIM_BYTES * len(config.points.scales))
     found: dict[str, Any] = {
         "areas": len(level.jobs),
         "suns": max(c.count for c in conditions) // len(config.view),

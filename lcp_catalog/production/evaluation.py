@@ -22,6 +22,7 @@ from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADO
 from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import (
+    LEAST_CORRELATION,
     clearance,
     detection_probability,
     least_rival,
@@ -30,9 +31,10 @@ from ..landmarks.detection import (
 )
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import Registration, harris_response, light_of, registration
-from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
-from ..landmarks.uniqueness import RING, SearchImages, other_places, searched_exactly
+from ..landmarks.patches import POINT_SPREAD_PX, halved, halved_changes, patches_of, through_optics
+from ..landmarks.uniqueness import RING, RIVALS, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
+from .point_config import SEARCH_DOUBT, PointConfig
 from .sweep import RenderedImages, Sweep
 
 STEP = 0.05
@@ -250,27 +252,9 @@ class PatchLight:
         return cast.mean(axis=(1, 2)).astype(np.float32), cast
 
 
-_DOUBT = 0.035, 0.09
-"""Detection probabilities so far below and above the limit are computed again with a search at full
-resolution. The first search can miss places; it then states too much: in 2891 conditions (24 grounds, patches of 17 and 33
-nodes) up to 0.074 more where the flag is another, and up to 0.004 less."""
-
 _BATCH_NODES = 400_000
 """Nodes of images that are evaluated together: few enough for a processor's cache, and enough for
 long loops."""
-
-SMALLEST_PX = 7
-"""Fewest pixels a side of a patch in a coarser image."""
-
-
-def image_scales(patch_nodes: int) -> tuple[int, ...]:
-    """Cell sizes of the images that are simulated, as multiples of the patch's own: powers of 2 as
-    long as a patch has `SMALLEST_PX` pixels a side.
-    """
-    scales = [1]
-    while 2 * (patch_nodes // 2 // (2 * scales[-1])) + 1 >= SMALLEST_PX:
-        scales.append(2 * scales[-1])
-    return tuple(scales)
 
 
 @dataclass(frozen=True)
@@ -329,7 +313,7 @@ def evaluate(
     """
     if isinstance(errors, ErrorModel):
         errors = PlaceErrors.alike(errors, len(rows))
-    scales = image_scales(config.points.patch_nodes)
+    scales = config.points.scales
     result = Evaluation.empty(len(rows), len(scales), sweep.conditions.shape)
     if not len(rows):
         return result
@@ -370,7 +354,7 @@ class _Judge:
     ) -> None:
         self.light, self.points, self.gsd_m = light, config.points, config.gsd_m
         self.errors = errors
-        self.result, self.scales = result, image_scales(config.points.patch_nodes)
+        self.result, self.scales = result, config.points.scales
         self.whole_search = config.model.precision.whole_search
 
     def views(self, views: Index) -> None:
@@ -409,6 +393,7 @@ class _Judge:
 
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
         size = 2 * half + 1
+        blur_px = _given(points.point_spread_px, POINT_SPREAD_PX)
         filled = images.radiance if images.complete else _filled(images.radiance, size)
         radiance, slopes = filled, images.slopes
         whole = Items.all(count, rows, cols, half)
@@ -424,12 +409,12 @@ class _Judge:
                 radiance, slopes = halved(radiance), halved(slopes)
                 change = halved_changes(change, items.rows[changed], items.cols[changed])
                 items = items.halved()
-            shown = through_optics(radiance, scale)
+            shown = through_optics(radiance, scale, blur_px)
             seen = items.of(shown)
             alone = seen
             if len(changed):
                 alone = seen.copy()
-                alone[changed] += through_optics(change, scale)
+                alone[changed] += through_optics(change, scale, blur_px)
             _, level = light_of(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
@@ -475,13 +460,19 @@ class _Judge:
         images = SearchImages.of(patches.radiance, patches.size)
         false_match = points.min_detection if scale == 1 else math.inf
         whole = self.whole_search or searched_exactly(patches.size, search)
-        chances = _chances(match, images, patches, search, false_match, exact=whole)
-        below, above = _DOUBT
+        chances = _chances(match, images, patches, search, false_match, points, exact=whole)
+        below, above = points.search_doubt or SEARCH_DOUBT
         doubt = chances.detection - points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
         if len(again) and not whole:
             checked = _chances(
-                match.rows(again), images, patches.some(again), search, false_match, exact=True
+                match.rows(again),
+                images,
+                patches.some(again),
+                search,
+                false_match,
+                points,
+                exact=True,
             )
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
@@ -523,12 +514,18 @@ class _Chances(NamedTuple):
 _CLEARANCE = clearance()
 
 
+def _given(value: float | None, default: float) -> float:
+    """A value of the configuration, or the default in its place."""
+    return default if value is None else value
+
+
 def _chances(
     match: Registration,
     images: SearchImages,
     patches: Patches,
     search: int,
     false_match: float,
+    points: PointConfig,
     exact: bool,
 ) -> _Chances:
     """The probabilities of patches of images in a search of +-``search`` pixels; that of a false match
@@ -537,7 +534,7 @@ def _chances(
     items = patches.items
     others = other_places(
         images, patches.alone, items.rows, items.cols, search, items.which,
-        least_rival(match, match.own, _CLEARANCE), exact=exact,
+        least_rival(match, match.own, _CLEARANCE), exact=exact, most=points.rivals or RIVALS,
     )  # fmt: skip
     unit = patches.level[:, None]
     detection, located, unique = detection_probability(
@@ -545,6 +542,7 @@ def _chances(
         others.correlation,
         others.contrast / unit,
         match.own,
+        _given(points.least_correlation, LEAST_CORRELATION),
         third_from=false_match,
         clear_by=_CLEARANCE,
     )

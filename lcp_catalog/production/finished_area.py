@@ -34,7 +34,7 @@ from ..landmarks.located import Units
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
 from .config import BuildConfig
-from .evaluation import Evaluation, image_scales
+from .evaluation import Evaluation
 
 TABLE = np.dtype(
     [
@@ -75,7 +75,7 @@ def record_type(config: BuildConfig) -> np.dtype[np.void]:
     """
     side = config.points.patch_nodes
     shape = (len(config.view), len(config.sun.elevations_deg), len(config.sun.azimuths_deg))
-    scaled = (len(image_scales(config.points.patch_nodes)), *shape)
+    scaled = (len(config.points.scales), *shape)
     shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("elevation", *FIGURES), ())
     shapes |= {"localization_sigma": (2,), "condition": shape, "dem": (side, side)}
     shapes |= {"albedo": (side, side)} if config.model.albedo_file else {}
@@ -188,7 +188,7 @@ def _record_columns(candidates: Candidates, config: BuildConfig) -> dict[str, An
         _over(sigma[:, 0], these, np.nanmax)
         for sigma in (evaluation.sigma_major_m, evaluation.sigma_minor_m)
     ]
-    scales = np.array(image_scales(config.points.patch_nodes), dtype=np.float64)
+    scales = np.array(config.points.scales, dtype=np.float64)
     least = config.points.min_detection
     finest, coarsest = working_scales(evaluation.condition, evaluation.detection, scales, least)
     columns = {

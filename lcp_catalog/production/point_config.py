@@ -33,6 +33,24 @@ CORNER_BORDER = 4
 SPACING_MAX_M = 8000.0
 """Greatest default spacing, unless half a patch is wider."""
 
+SEARCH_DOUBT = 0.035, 0.09
+"""Detection probabilities so far below and above the limit are computed again with a search at full
+resolution. The first search can miss places; it then states too much: in 2891 conditions (24 grounds, patches of 17 and 33
+nodes) up to 0.074 more where the flag is another, and up to 0.004 less."""
+
+SMALLEST_PX = 7
+"""Fewest pixels a side of a patch in a coarser image."""
+
+
+def image_scales(patch_nodes: int, most: int | None = None) -> tuple[int, ...]:
+    """Cell sizes of the images that are simulated, as multiples of the patch's own: powers of 2 as
+    long as a patch has `SMALLEST_PX` pixels a side, ``most`` of them at most.
+    """
+    scales = [1]
+    while 2 * (patch_nodes // 2 // (2 * scales[-1])) + 1 >= SMALLEST_PX:
+        scales.append(2 * scales[-1])
+    return tuple(scales[:most])
+
 
 @dataclass(frozen=True)
 class PointConfig:
@@ -117,8 +135,47 @@ class PointConfig:
         1, "Least number of Suns and views under which a point is usable.", least=1
     )
 
+    image_scales: int | None = meant(
+        None,
+        "Greatest number of image scales: the cells, twice as large, four times ...",
+        default=f"as long as a patch has {SMALLEST_PX} pixels a side",
+        least=1,
+    )
+    rivals: int | None = meant(
+        None,
+        "Greatest number of places that resemble a point and count in its detection probability.",
+        default="64",  # `landmarks.uniqueness.RIVALS`
+        least=2,
+        most=1024,
+    )
+    search_doubt: tuple[float, ...] | None = meant(
+        None,
+        "How far below and above `points.min_detection` a probability is computed again with a search at full resolution.",
+        default=f"{SEARCH_DOUBT[0]}, {SEARCH_DOUBT[1]}",
+        least=0.0,
+        most=1.0,
+    )
+    least_correlation: float | None = meant(
+        None,
+        "Least correlation of a match.",
+        default="0.3, that of a search",  # `landmarks.detection.LEAST_CORRELATION`
+        least=0.0,
+        most=1.0,
+    )
+    point_spread_px: float | None = meant(
+        None,
+        "1 sigma of an image's point spread, pixels.",
+        default="0.5",  # `landmarks.patches.POINT_SPREAD_PX`
+        least=0.0,
+        most=0.9,
+    )
+
     def __post_init__(self) -> None:
         check_fields(self, "points")
+        require(
+            self.search_doubt is None or len(self.search_doubt) == 2,
+            "`points.search_doubt` must be a margin below and one above",
+        )
         require(
             self.patch_nodes % 2 == 1, f"`points.patch_nodes` must be odd, not {self.patch_nodes}"
         )
@@ -144,6 +201,11 @@ class PointConfig:
     def promised(self) -> bool:
         """False if nothing is promised, and points are spread evenly."""
         return self.located is not None or bool(self.per_view)
+
+    @property
+    def scales(self) -> tuple[int, ...]:
+        """The `image_scales` of the patches."""
+        return image_scales(self.patch_nodes, self.image_scales)
 
     @property
     def half(self) -> int:

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from ..accuracy import Accuracy
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.view import CameraView, ParallelView, slant_range_m
+from ..choices import SUN_SHAPES
 from ..ephemeris.solar_position import reachable_suns
 from ..geometry.frames import direction_enu
+from ..light.solar_disc import sunlit_share
 from ..photometry.albedo_map import neutral
 from ..photometry.law_choice import LawChoice, choose, named
 from ..photometry.laws import (
@@ -175,6 +177,7 @@ def plan_area(
         choice=choice,
         albedo=albedo,
         lowest=True,
+        disc=config.model.sun == SUN_SHAPES[1],
     )
     own = decisions.of_a_build(config.model.direction_tolerance_deg)
     angle_rad = max(view_angles_rad(config))
@@ -244,10 +247,6 @@ class Sweep:
     point_m: Array | None = None
     """ENU position (3,) of the point over which the cameras of near views are; None: all views have
     parallel rays."""
-
-    def __post_init__(self) -> None:
-        if self.plan.solar_disc.modelled:
-            raise ValueError("a sweep has a point Sun")
 
     @property
     def field(self) -> Heightfield:
@@ -424,17 +423,20 @@ class Sweep:
 
     def unshadowed(self, condition: tuple[int, int, int]) -> NDArray[np.float32]:
         """The image of a condition without cast shadows."""
-        return self._image(condition, np.zeros(self.planes.shape[1:], np.uint8))
+        return self._image(condition, np.zeros(self.planes.shape[1:], np.uint8), self.factors)
 
-    def _image(self, condition: tuple[int, int, int], dark: NDArray[np.uint8]) -> Float32:
+    def _image(
+        self, condition: tuple[int, int, int], dark: NDArray[np.uint8], factors: Float32 | None
+    ) -> Float32:
         radiance = self.shading(condition)(self.planes, dark, self.unseen(condition[0]))
-        return radiance if self.factors is None else radiance * self.factors
+        return radiance if factors is None else radiance * factors
 
     def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given)."""
-        for condition, dark in self._lit(views):
+        for condition, dark, factors in self._lit(views):
             view, elevation, azimuth = condition
-            yield RenderedImage(view, elevation, azimuth, self._image(condition, dark))
+            radiance = self._image(condition, dark, factors)
+            yield RenderedImage(view, elevation, azimuth, radiance)
 
     def stacks(self, most: int, views: tuple[int, ...] | None = None) -> Iterator[RenderedImages]:
         """The `images`, at most ``most`` at a time, with their derivatives (forward differences)."""
@@ -442,22 +444,32 @@ class Sweep:
         while some := list(islice(wanted, most)):
             bands = np.empty((3, len(some), *self.planes.shape[1:]), np.float32)
             complete = True
-            for k, (condition, dark) in enumerate(some):
+            for k, (condition, dark, factors) in enumerate(some):
                 shaded, hidden = self.shading(condition), self.unseen(condition[0])
                 nodes = (self.planes, *self.steeper_planes)
                 base, east, south = (shaded(planes, dark, hidden) for planes in nodes)
                 out = bands[:, k]
-                complete &= differences(base, east, south, SLOPE_STEP, self.factors, out)
-            conditions = np.array([condition for condition, _ in some])
+                complete &= differences(base, east, south, SLOPE_STEP, factors, out)
+            conditions = np.array([condition for condition, *_ in some])
             yield RenderedImages(conditions, bands[0], bands[1:], complete)
 
     def _lit(
         self, views: tuple[int, ...] | None
-    ) -> Iterator[tuple[tuple[int, int, int], NDArray[np.uint8]]]:
-        """Conditions with the shadows of their Suns, in the order of `images`."""
+    ) -> Iterator[tuple[tuple[int, int, int], NDArray[np.uint8], Float32 | None]]:
+        """Conditions with the shadows of their Suns and the `factors`, times the visible share of a Sun
+        that is a disc, in the order of `images`.
+        """
         wanted = range(len(self.conditions.off_nadir_deg)) if views is None else views
         for azimuth, elevations in self.suns:
-            dark = self.dark(azimuth)
+            dark = None if self.plan.solar_disc.modelled else self.dark(azimuth)
             for slot, elevation in enumerate(elevations.tolist()):
+                lit = self.factors
+                if dark is None:
+                    sun = self.sun_directions[elevation, azimuth]
+                    share = sunlit_share(self.field, sun, self.accuracy, self.window, far=self.far)
+                    own = (share == 0.0).view(np.uint8)
+                    lit = share if lit is None else share * lit
+                else:
+                    own = dark[slot]
                 for view in wanted:
-                    yield (view, elevation, azimuth), dark[slot]
+                    yield (view, elevation, azimuth), own, lit

@@ -24,7 +24,7 @@ from ..terrain.surroundings import most_nodes
 from .area_job import conditions_at
 from .areas import AreaGrid, AreaTask, plan_areas
 from .config import AREA_NODES_MIN, BuildConfig
-from .evaluation import _BATCH_NODES, image_scales
+from .evaluation import _BATCH_NODES
 from .sweep import lowest_off_nadir_deg
 
 log = logging.getLogger(__name__)
@@ -85,7 +85,7 @@ def area_mb(window: NodeWindow, lat_deg: float, config: BuildConfig) -> float:
     spacing = config.points.spacing_nodes(gsd_m)
     cells = math.prod(side // spacing + 2 for side in window.shape)
     found = (config.points.candidates_per_cell + GROUP_EXTRA) * cells
-    scales = len(image_scales(config.points.patch_nodes))
+    scales = len(config.points.scales)
     results = found * int(np.prod(conditions.shape)) * (16 * scales + 21)
     turned = _TURNED if _turns(window, lat_deg, config) else 1.0
     size = (

@@ -27,6 +27,7 @@ from rasterio.transform import Affine
 
 from .._version import __version__
 from ..accuracy import accuracy as accuracy_of
+from ..approximations import SWITCHES
 from ..atomic_files import check_output, write_bytes
 from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
@@ -238,12 +239,21 @@ def tags(scene: Scene) -> dict[str, str]:
     return found | ({"albedo": str(scene.request.albedo)} if scene.request.albedo else {})
 
 
-def explain(scene: Scene) -> dict[str, Any]:
-    """The document of an explained plan: the plan's decisions, and the light."""
+def explain(scene: Scene, costs: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """The document of an explained plan: the plan's decisions, each with the field of the configuration that
+    switches it and its share of the time, and the light. ``costs``: `renderer.priced`; None: not measured.
+    """
     light = scene.light.describe()
     if scene.request.environment is not None:
         light["environment"] = scene.request.environment.report
-    return scene.plan.to_json() | {"light": light}
+    shadows = "solar disc" if scene.plan.solar_disc.modelled else "cast shadows"
+    spent = {shadows if name == "cast shadows" else name: s for name, s in (costs or {}).items()}
+    decisions = [
+        decision | {"switch": SWITCHES.get(str(effect)), "cost": spent.get(str(effect))}
+        for decision in scene.plan.to_json()["decisions"]
+        for effect in (decision["effect"],)
+    ]
+    return {"decisions": decisions, "light": light}
 
 
 def render(

@@ -226,7 +226,7 @@ def test_explain_alone_says_only_json(dem, capsys):
     captured = capsys.readouterr()
     decisions = {d["effect"]: d for d in json.loads(captured.out)["decisions"]}
     assert all(
-        set(d) == {"effect", "modelled", "reason", "error_bound", "unit"}
+        set(d) == {"effect", "modelled", "reason", "error_bound", "unit", "switch", "cost"}
         for d in decisions.values()
     )
     assert decisions["cast shadows"]["modelled"] is False
@@ -259,7 +259,15 @@ def test_explain_beside_an_output(dem, out, capsys):
     assert run(["render", dem, "-o", str(out), "--explain", *AREA, *SUN]) == 0
     printed = json.loads(capsys.readouterr().out)
     tags = read(out)[2]
+    costs = {d["effect"]: d.pop("cost") for d in printed["decisions"]}
+    switches = {d["effect"]: d.pop("switch") for d in printed["decisions"]}
     assert printed == json.loads(tags["scene_plan"]) | {"light": json.loads(tags["light"])}
+    assert switches["cast shadows"] == "model.accuracy"
+    assert switches["curvature"] is None
+    known = [cost for cost in costs.values() if cost is not None]
+    assert costs["cast shadows"] > 0.0 < costs["reflectance"]
+    assert sum(known) <= 1.0
+    assert costs["curvature"] is None
 
 
 def test_what_was_read_for_make(dem, tmp_path, out):

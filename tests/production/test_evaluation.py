@@ -22,8 +22,8 @@ from lcp_catalog.catalog.schema import (
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import evaluation
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.production.evaluation import evaluate, image_scales
-from lcp_catalog.production.point_config import PointConfig
+from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.point_config import PointConfig, image_scales
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.rendering.plan import ring_decision
@@ -120,7 +120,7 @@ def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
         z = ground(seed, 121, sigma=sigma)
         found = judged(z, config=config, at=at)
         with monkeypatch.context() as patch:
-            patch.setattr(evaluation, "_DOUBT", (-1.0, -1.0))
+            patch.setattr(evaluation, "SEARCH_DOUBT", (-1.0, -1.0))
             unchecked = judged(z, config=config, at=at)
             # the code gives `exact` by name, which a partial would not override
             patch.setattr(
@@ -132,11 +132,13 @@ def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
         for name, values in dataclasses.asdict(judged(z, config=high, at=at)).items():
             np.testing.assert_array_equal(values, getattr(exact_high, name), err_msg=name)
         one, other = found.detection[:, 0], exact.detection[:, 0]
-        doubtful = (one > least - evaluation._DOUBT[0]) & (one < least + evaluation._DOUBT[1])
+        doubtful = (one > least - evaluation.SEARCH_DOUBT[0]) & (
+            one < least + evaluation.SEARCH_DOUBT[1]
+        )
         np.testing.assert_allclose(one[doubtful], other[doubtful], atol=1e-6)
         under, over = (one < least) & (other >= least), (one >= least) & (other < least)
-        assert (least - one)[under].max(initial=0.0) < evaluation._DOUBT[0]
-        assert (one - least)[over].max(initial=0.0) < evaluation._DOUBT[1]
+        assert (least - one)[under].max(initial=0.0) < evaluation.SEARCH_DOUBT[0]
+        assert (one - least)[over].max(initial=0.0) < evaluation.SEARCH_DOUBT[1]
         unlike += (unchecked.detection[:, 0] != other).sum()
         sure |= set(np.unique(found.condition & UNIQUE).tolist())
     assert unlike > 10  # the searches differ

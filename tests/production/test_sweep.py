@@ -107,11 +107,25 @@ def test_a_sweep_computes_what_its_plan_says(monkeypatch, scale, shadows, occlus
         np.testing.assert_array_equal(image.radiance, exact.radiance)
 
 
-def test_a_sweep_refuses_a_plan_that_it_cannot_follow() -> None:
-    sweep = swept(rough())
-    decision = dataclasses.replace(sweep.plan.solar_disc, modelled=True)
-    with pytest.raises(ValueError, match="a sweep has a point Sun"):
-        dataclasses.replace(sweep, plan=dataclasses.replace(sweep.plan, solar_disc=decision))
+def test_a_sweep_under_a_disc_is_the_render_under_a_disc(build: Build) -> None:
+    """`model.sun`: penumbras of the same share; the images differ from those under a point."""
+    (job,) = build.jobs[:1]
+    config = job.recipe.config.replaced({"model.sun": "disc"})
+    disc = area_sweep(
+        dataclasses.replace(job, recipe=dataclasses.replace(job.recipe, config=config))
+    )
+    assert disc.plan.solar_disc.modelled
+    how = Method(plan=disc.plan, model=disc.model, accuracy=disc.accuracy, disc=True)
+    differs = 0
+    for image, point in zip(disc.images((0,)), area_sweep(job).images((0,)), strict=True):
+        sun = disc.conditions.sun_directions()[image.elevation, image.azimuth]
+        view = ParallelView(disc.conditions.view_directions()[image.view])
+        render = render_enu(disc.terrain, sun, view, how)
+        np.testing.assert_allclose(image.radiance, render.radiance, rtol=1e-5, atol=1e-7)
+        differs += int((image.radiance != point.radiance).sum())
+    assert differs > 10
+    (stack,) = disc.stacks(1000, (0,))
+    np.testing.assert_array_equal(stack.radiance, [i.radiance for i in disc.images((0,))])
 
 
 def test_the_plan_of_an_area_is_a_renders_under_its_lowest_sun_and_view() -> None:

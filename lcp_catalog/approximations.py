@@ -1,0 +1,310 @@
+"""The registry of approximations: what each may change, what switches it, and how it is priced.
+
+`lcp trade` measures the rows that have a switch of the configuration; the reference lists all; a test compares
+them with the configuration, the tiers and the scene plan. The module imports nothing of the library.
+"""
+
+# ruff: noqa: E501 - cells of a table
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+Values = dict[str, dict[str, Any]]
+"""Alternatives to a configuration: the fields that each replaces, by its name."""
+
+
+def _none(config: Any) -> Values:
+    return {}
+
+
+@dataclass(frozen=True)
+class Approximation:
+    """One approximation. ``switch``: the fields of the configuration that control it, or none and the reason in
+    ``unpriced``; ``bound``: its error and the source of the figure; ``values``: alternatives to a configuration with
+    a cell size, coarser ones first; ``effects``, ``settings``, ``constants``: decisions of a scene plan, fields of an
+    accuracy tier and constants that are part of it; ``expected``: share of the usable conditions that
+    its alternatives change on the sample, by which they are measured in turn.
+    """
+
+    name: str
+    bound: str
+    switch: tuple[str, ...] = ()
+    values: Callable[[Any], Values] = _none
+    unpriced: str = ""
+    effects: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+    constants: tuple[str, ...] = ()
+    expected: float = 0.0
+
+
+def _numbers(field: str, *factors: float) -> Callable[[Any], Values]:
+    """A number times each of the factors, as whole as it was."""
+
+    def values(config: Any) -> Values:
+        section, _, key = field.partition(".")
+        own = getattr(getattr(config, section), key)
+        found = {f: type(own)(f * own) for f in factors}
+        return {f"{value:g}": {field: value} for value in found.values() if value != own}
+
+    return values
+
+
+def _choices(field: str, *choices: Any, usual: Any = None) -> Callable[[Any], Values]:
+    """The choices that the field has not; ``usual``: its value where it is None."""
+
+    def values(config: Any) -> Values:
+        section, _, key = field.partition(".")
+        own = getattr(getattr(config, section), key) or usual
+        return {_shown(value): {field: value} for value in choices if value != own}
+
+    return values
+
+
+def _shown(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value).replace(",)", ")")
+
+
+def _tiers(config: Any) -> Values:
+    own = config.model.precision.tier
+    return {
+        tier: {"model.accuracy": tier}
+        for tier in ("draft", "standard", "high", "reference")
+        if tier != own
+    }
+
+
+def _whole_search(config: Any) -> Values:
+    other = not config.model.precision.whole_search
+    return {_shown(other): {"model.whole_search": other}}
+
+
+def _views(config: Any) -> Values:
+    own = config.view
+    first = {f"view.{key}": getattr(own, key)[:1] for key in _VIEW}
+    ring = (25.0,) * 4, (0.0, 90.0, 180.0, 270.0), own.altitude_km[:1] * 4
+    more = {f"view.{k}": getattr(own, k) + r for k, r in zip(_VIEW, ring, strict=True)}
+    few = {"the first alone": first} if len(own) > 1 else {}
+    return few | {"and 25 deg from 4 sides": more}
+
+
+_VIEW = "off_nadir_deg", "azimuth_deg", "altitude_km"
+
+
+def _altitudes(config: Any) -> Values:
+    own = config.view.altitude_km
+    other = 100.0 if math.isinf(max(own)) else math.inf
+    return {
+        "near, 100 km" if other == 100.0 else "parallel": {"view.altitude_km": (other,) * len(own)}
+    }
+
+
+def _azimuths(config: Any) -> Values:
+    own = config.sun.azimuths_deg
+    middles = [0.5 * (a + b) for a, b in zip(own, (*own[1:], own[0] + 360.0), strict=True)]
+    every = tuple(sorted({*own, *(m % 360.0 for m in middles)}))
+    found = {"every second azimuth": {"sun.azimuths_deg": own[::2]}} if len(own) > 3 else {}
+    return found | {"twice the azimuths": {"sun.azimuths_deg": every}}
+
+
+def _elevations(config: Any) -> Values:
+    own = config.sun.elevations_deg
+    middles = tuple(0.5 * (a + b) for a, b in itertools.pairwise(own))
+    few = (*own[:-1:2], own[-1])
+    found = {"every second elevation": few, "twice the elevations": tuple(sorted((*own, *middles)))}
+    return {name: {"sun.elevations_deg": value} for name, value in found.items() if value != own}
+
+
+def _patches(config: Any) -> Values:
+    own = config.points.patch_nodes
+    sizes = max(9, own // 2 | 1), min(257, 2 * own - 1)
+    return {str(size): {"points.patch_nodes": size} for size in sizes if size != own}
+
+
+def _searches(config: Any) -> Values:
+    cell_m, points = config.area.gsd_m, config.points
+    nodes = points.search_nodes(cell_m)
+    wanted = max(points.half, nodes // 2), 2 * nodes
+    return {f"{n} cells": {"points.search_m": n * cell_m} for n in wanted if n != nodes}
+
+
+def _scales(config: Any) -> Values:
+    many = len(config.points.scales)
+    return {"1": {"points.image_scales": 1}} if many > 1 else {}
+
+
+APPROXIMATIONS: tuple[Approximation, ...] = (
+    Approximation(
+        "accuracy tier",
+        "wrong shadows at 0.5, 0.02, 0 and 0 % of the nodes (measured; `high` proved)",
+        ("model.accuracy", "model.tolerance"), _tiers,
+        effects=("cast shadows", "occlusion"),
+        settings=("node_error", "tolerance", "shadows", "shadow_method", "far_doubt"), expected=0.001,
+    ),
+    Approximation(
+        "reflectance law",
+        "rms difference from Hapke's image as a share of the mean signal, stated by the scene plan; the tier's `law_residual` at most",
+        ("model.reflectance",), _choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
+        effects=("reflectance",), settings=("law_residual",), expected=0.02,
+    ),
+    Approximation(
+        "brightness of the ground",
+        "without a map the map's contrast, which the scene plan states; of what no map holds `errors.albedo_sigma`",
+        ("model.albedo", "model.albedo_encoding", "model.albedo_reference"), _choices("model.albedo", "none", "moon"),
+        effects=("albedo",), expected=0.08,
+    ),
+    Approximation(
+        "one direction per area",
+        "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5)",
+        ("model.direction_tolerance_deg",), _numbers("model.direction_tolerance_deg", 2.0, 0.5),
+        effects=("one direction per area",), expected=0.01,
+    ),
+    Approximation(
+        "parallel or near views",
+        "radians: half the patch and the search radius over the distance, stated by the scene plan; parallel below `model.direction_tolerance_deg`",
+        ("view.altitude_km",), _altitudes, effects=("perspective",), expected=0.01,
+    ),
+    Approximation(
+        "views, interpolated between",
+        "claims of the nearest view hold to 20 deg: mean error of a probability 0.01 to 0.05 (measured, `prediction.VIEW_REACH_DEG`)",
+        ("view.off_nadir_deg", "view.azimuth_deg"), _views,
+        constants=("catalog.prediction.VIEW_REACH_DEG",), expected=0.2,
+    ),
+    Approximation(
+        "Sun azimuths, interpolated between",
+        "99 % of the points claimed usable between the grid's Suns are (measured, with `prediction.BETWEEN_MARGIN`)",
+        ("sun.azimuths_deg",), _azimuths, constants=("catalog.prediction.BETWEEN_MARGIN",), expected=0.05,
+    ),
+    Approximation(
+        "Sun elevations, interpolated between",
+        "the same; below the lowest no claim is made",
+        ("sun.elevations_deg",), _elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
+    ),
+    Approximation(
+        "cell size",
+        "detail below a cell is lost: `dem_resolution` of each point",
+        ("area.gsd_m", "area.levels_m", "area.altitudes_km", "area.ifov_rad"), _numbers("area.gsd_m", 2.0, 0.5), expected=0.3,
+    ),
+    Approximation(
+        "patch size", "the claims are those of this patch; a larger one holds more signal and more of its surroundings",
+        ("points.patch_nodes",), _patches, expected=0.3,
+    ),
+    Approximation(
+        "search radius", "rivals beyond it do not count", ("points.search_m",), _searches, expected=0.1,
+    ),
+    Approximation(
+        "area size", "none of its own: areas are cut at the direction tolerance or at this size; corners at their borders differ",
+        ("model.area_nodes_max",), _numbers("model.area_nodes_max", 2.0, 0.125), expected=0.005,
+    ),
+    Approximation(
+        "candidates per cell", "better points are missed; a point's claims are the same",
+        ("points.candidates_per_cell",), _numbers("points.candidates_per_cell", 0.5, 2.0), expected=0.0,
+    ),
+    Approximation(
+        "search at half resolution first",
+        "a probability up to 0.49 too high away from the limit (measured); `second_peak` up to 0.18 too low",
+        ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
+    ),
+    Approximation(
+        "searched again near the limit",
+        "without it the flag of up to 0.05 % of the conditions; 0.074 of a probability where the flag is another (measured)",
+        ("points.search_doubt",), _choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
+        constants=("production.point_config.SEARCH_DOUBT",), expected=0.001,
+    ),
+    Approximation(
+        "image scales", "a claim for a coarser pixel is missing; between scales interpolated",
+        ("points.image_scales",), _scales, constants=("production.point_config.SMALLEST_PX",), expected=0.0,
+    ),
+    Approximation(
+        "point Sun",
+        "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (measured); the scene plan's 1.0 is the bound of one node in a penumbra",
+        ("model.sun",), _choices("model.sun", "point", "disc", usual="point"),
+        effects=("solar disc",), settings=("disc", "disc_strips", "disc_directions", "disc_rms"), expected=0.005,
+    ),
+    Approximation(
+        "far terrain",
+        "elevation of terrain that is left out, stated by the scene plan; 0.02 deg rms of the horizon from coarser cells (measured)",
+        ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
+        effects=("terrain beyond the area",),
+        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG"), expected=0.005,
+    ),
+    Approximation(
+        "light by way of other ground",
+        "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters (measured)",
+        effects=("scattered light",), constants=("light.bounced_light.SHOWS",),
+        unpriced="no switch in builds and validations: 128 to 1024 rays for every dark node and Sun; `lcp render` has one",
+    ),
+    Approximation(
+        "point spread of an image", "0.5 pixels assumed: a sharper or duller image has other claims",
+        ("points.point_spread_px",), _choices("points.point_spread_px", 0.35, 0.7),
+        constants=("landmarks.patches.POINT_SPREAD_PX",), expected=0.02,
+    ),
+    Approximation(
+        "number of rivals", "with 12 for 64 the Brier score doubles in pure noise (measured)",
+        ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS",), expected=0.002,
+    ),
+    Approximation(
+        "least correlation of a match", "below it a match is refused, and the claim says so",
+        ("points.least_correlation",), _choices("points.least_correlation", 0.2, 0.4),
+        constants=("landmarks.detection.LEAST_CORRELATION",), expected=0.02,
+    ),
+    Approximation(
+        "limit of dependence", "this share of a patch may be darkened or hidden from outside",
+        ("points.max_dependence",), _numbers("points.max_dependence", 2.0, 0.5), expected=0.03,
+    ),
+    Approximation(
+        "least lit share", "darker patches have no claim",
+        ("points.min_lit_share",), _choices("points.min_lit_share", 0.3, 0.05), expected=0.01,
+    ),
+    Approximation(
+        "interpolation of a claim over Sun and scale",
+        "mean error of a probability 0.01 to 0.05 (measured); usable only with the margins",
+        constants=("catalog.prediction.BETWEEN_MARGIN", "catalog.prediction.FREE_SHARE"),
+        unpriced="no switch: it belongs to a query and costs a build nothing; the rows of Suns and views measure it",
+    ),
+    Approximation(
+        "quadrature over places",
+        "five nodes for 31: 0.0008 of a probability at the 99th percentile, 0.053 at most, 0.007 % of the flags (measured on the sample, 5da61c4, 2026-11-27)",
+        constants=("landmarks.detection._NODES",), unpriced="no switch: the integral takes less than a hundredth of the time",
+    ),
+    Approximation(
+        "packing of claims", "0.002 of a probability, half a step of 1/250 (exact)",
+        constants=("catalog.schema.DETECTION_STEP",), unpriced="no switch: the file's format; seven bytes a claim for eighteen",
+    ),
+    Approximation(
+        "float32", "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",),
+        unpriced="no switch in builds, whose kernels are written for it; in renders the tier `reference`",
+    ),
+    Approximation(
+        "resampling of the DEM", "cubic convolution (Keys, a = -0.5): exact for parabolas; bilinear beside missing pixels",
+        unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
+    ),
+    Approximation(
+        "rounding of height errors", "2.5 % of sigma and length (exact)", constants=("production.evaluation.STEP",),
+        unpriced="no switch: candidates share error models by it",
+    ),
+    Approximation(
+        "one direction to the Sun from an area", "half the area's diagonal over 1 au, stated by the scene plan",
+        effects=("parallax of the Sun", "motion of the Sun"), unpriced="no switch: below 1e-5 deg",
+    ),
+    Approximation(
+        "shape of the ground", "none: the heightfield's triangles over the curved Moon; a render may take the plain sphere, with its error stated",
+        effects=("relief", "curvature", "dependence", "cell size", "Suns"), unpriced="no approximation in builds",
+    ),
+    Approximation(
+        "light other than the Sun's", "rms 0.6, 0.4, 0.15 and 0.06 % of the mean radiance by tier (measured)",
+        effects=("sky light", "other sources", "Sun over sky", "background"), settings=("sky_directions", "sky_tier", "sky_rms"),
+        unpriced="in renders alone, by `model.accuracy`; builds have the Sun alone",
+    ),
+)  # fmt: skip
+"""Every approximation, once."""
+
+SWITCHES = {
+    effect: one.switch[0] if one.switch else None
+    for one in APPROXIMATIONS
+    for effect in one.effects
+}
+"""The field that controls each decision of a scene plan; None without one."""
