@@ -111,7 +111,8 @@ def test_a_missing_model_is_a_missing_input(
     for name, out in (("render", "o.tif"), ("build-catalog", "c.h5"), ("trade", "t")):
         sun = REQUIRED["render"] if name == "render" else []
         assert run([name, *words, *sun, "-o", str(tmp_path / out)]) == 1
-        assert capsys.readouterr().err == "lcp: none.toml: there is no such file\n"
+        said = capsys.readouterr().err.splitlines()  # a slow machine shows progress before
+        assert said[-1] == "lcp: none.toml: there is no such file"
     assert list(tmp_path.iterdir()) == []
 
 
