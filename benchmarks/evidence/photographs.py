@@ -226,7 +226,7 @@ def histogram(correlation: Array, part: str, title: str) -> Markup:
 
 
 HEAD = (
-    "photograph", "Sun, deg", "pixel, m", "result", "points found", "off, m (stated)", "windows", "> 0.9", "> 0.7", "mode",
+    "photograph", "Sun, deg", "pixel, m", "result", "points found", "off, m (stated)", "windows", "> 0.9", "> 0.9 plain", "> 0.7", "mode",
     "usable points found", "Brier (of the mean)",
 )  # fmt: skip
 
@@ -235,7 +235,7 @@ def cells(row: Row) -> list[str]:
     """One line of the table."""
     f = row.figures
     if "windows" not in f:
-        return [row.name, "", "", f["verdict"], *[""] * 8]
+        return [row.name, "", "", f["verdict"], *[""] * 9]
     by = " jointly" if f["located_by"] == "the ground as a whole" else ""
     off = (
         "" if f["off_m"] is None else f"{f['off_m']:.2g}" if f["off_m"] < 1 else f"{f['off_m']:.0f}"
@@ -253,6 +253,7 @@ def cells(row: Row) -> list[str]:
         off + stated,
         str(w["count"]),
         _or_none(w["share_above_0_9"], ".0%"),
+        _or_none(f["windows_plain"]["share_above_0_9"], ".0%"),
         _or_none(w["share_above_0_7"], ".0%"),
         f"{figures_of(row.coarse).mode:.3f}" if len(row.coarse) else "-",
         f"{_or_none(claims['found_of_usable'], '.2f')} of {claims['usable']}" if scored else "",

@@ -19,6 +19,7 @@ thousandth of its brightness.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -48,7 +49,7 @@ from ..rendering.pipeline import prepare_terrain
 from ..rendering.renderer import Method, render_enu
 from ..rendering.request import Request, ViewChoice
 from ..terrain.terrain import Terrain
-from .orthoimage import Pair, orthorectify, paired, terrain_nodes
+from .orthoimage import Pair, area_paired, orthorectify, paired, terrain_nodes
 
 SIZE = 16
 STEP = 16
@@ -323,12 +324,14 @@ class RenderSettings:
 
 @dataclass(frozen=True, eq=False)
 class GroundComparison:
-    """The compared windows with their places; descriptions of the cell size (``resolution``) and of
-    the rendered terrain (``against``); image and render on the cells, (rows, cols) or for each
-    patch (n, rows, cols); and the files that were read.
+    """The compared windows with their places; the same windows of area means without further
+    smoothing (``plain``); descriptions of the cell size (``resolution``) and of the rendered terrain
+    (``against``); image and render on the cells, (rows, cols) or for each patch (n, rows, cols);
+    and the files that were read.
     """
 
     windows: WindowComparison
+    plain: WindowComparison
     longitude_deg: Array  # (n,) of the windows' centres
     latitude_deg: Array
     resolution: str
@@ -378,11 +381,19 @@ def against_dem(
         pair.image, pair.render, pair.weight, gsd_m=pair.gsd_m, size=choice.size, step=choice.step,
         offset=choice.offset, search_px=SEARCH_CELLS,
     )  # fmt: skip
+    means = area_paired(
+        ortho.signal, shot.radiance, ortho.weight, gsd_m=scene.gsd_m, target_m=target_m
+    )
+    plain = compare(
+        means.image, means.render, means.weight, gsd_m=pair.gsd_m, size=choice.size,
+        step=choice.step, offset=choice.offset,
+    )  # fmt: skip
     lon, lat = _places(nodes, pair, found)
     names = ", ".join(dem.path.name for dem in dems.dems)
     told = resolution.how if choice.gsd_m is None else f"cell size as given; {resolution.how}"
     return GroundComparison(
         found,
+        plain,
         lon,
         lat,
         told,
@@ -401,11 +412,12 @@ def resolution_of(terrain: Terrain, dems: DemSet) -> Resolution:
 
 
 def rendered_cell_m(posting_m: float, target_m: float) -> float:
-    """Cell size of the render for windows on cells of ``target_m``: half of it, but not finer than
-    the DEM; ``target_m`` itself if that is finer than the DEM. Still finer renders take longer by
-    the square of the ratio and agree no better with images.
+    """Cell size of the render for windows on cells of ``target_m``: the largest multiple of the
+    posting up to half of it, so that heights are not interpolated, or the posting; ``target_m``
+    itself if that is finer than the DEM. Still finer renders take longer by the square of the ratio
+    and agree no better with images.
     """
-    return min(max(posting_m, 0.5 * target_m), target_m)
+    return min(posting_m * max(1, int(0.5 * target_m / posting_m + 1e-6)), target_m)
 
 
 def dem_request(image: Image, dems: DemSet, settings: RenderSettings) -> Request:
@@ -473,15 +485,15 @@ def against_patches(
             f"cells of {target_m:g} m are finer than those of the patches, {gsd_m:g} m; give a `dem` or a coarser `gsd_m`"
         )
     pairs = [_pair(image, catalog, int(row), settings, target_m) for row in rows]
-    whole = [k for k, pair in enumerate(pairs) if pair is not None and (pair.weight > 0.5).all()]
+    both = {k: two for k, two in enumerate(pairs) if two and (two[0].weight > 0.5).all()}
+    whole = list(both)
     if not whole:
         raise AreaError(
             f"{image.name}: no patch of the catalogue is entirely in the image, sunlit and without invalid pixels"
         )
-    images, renders, weights = (
-        np.stack([getattr(pairs[k], name) for k in whole]) for name in ("image", "render", "weight")
-    )
-    found = of_patches(images, renders, weights, gsd_m=target_m, size=choice.size, step=choice.step)
+    cells = choice.size, choice.step
+    images, renders, found = _of_pairs([pair for pair, _ in both.values()], *cells)
+    plain = _of_pairs([pair for _, pair in both.values()], *cells)[2]
     assert found.patch is not None
     point = rows[whole][found.patch]
     told = "cell size of the patches" if choice.gsd_m is None else "cell size as given"
@@ -489,6 +501,7 @@ def against_patches(
         told += f"; windows of {found.size} cells, because a patch is no larger"
     return GroundComparison(
         found,
+        plain,
         catalog.longitude[point],
         catalog.latitude[point],
         told,
@@ -508,11 +521,20 @@ def _of_one_size(catalog: Catalog, points: Index) -> tuple[float, Index]:
     return common, points[np.isclose(catalog.gsd[points], common, rtol=1e-6)]
 
 
+def _of_pairs(pairs: Sequence[Pair], size: int, step: int) -> tuple[Array, Array, WindowComparison]:
+    """Images and renders (n, rows, cols) of pairs, and their windows."""
+    images, renders, weights = (
+        np.stack([getattr(pair, name) for pair in pairs]) for name in ("image", "render", "weight")
+    )
+    found = of_patches(images, renders, weights, gsd_m=pairs[0].gsd_m, size=size, step=step)
+    return images, renders, found
+
+
 def _pair(
     image: Image, catalog: Catalog, row: int, settings: RenderSettings, target_m: float
-) -> Pair | None:
-    """Render of one patch and the image on its nodes; None if its centre is hidden from the sensor
-    or not lit.
+) -> tuple[Pair, Pair] | None:
+    """Render of one patch and the image on its nodes, smoothed (`paired`) and as plain area means;
+    None if its centre is hidden from the sensor or not lit.
     """
     terrain = patch_terrain(catalog, row)
     sensor = image.sensor.full
@@ -536,7 +558,8 @@ def _pair(
     pair = paired(ortho.signal, radiance, ortho.weight, gsd_m=gsd_m, target_m=target_m)
     whole = np.ones(radiance.shape)  # the patch's edge does not count as missing
     edge = paired(whole, whole, whole, gsd_m=gsd_m, target_m=target_m).weight
-    return replace(pair, weight=pair.weight / edge)
+    plain = area_paired(ortho.signal, radiance, ortho.weight, gsd_m=gsd_m, target_m=target_m)
+    return replace(pair, weight=pair.weight / edge), plain
 
 
 def _beyond_image(view: View) -> View:

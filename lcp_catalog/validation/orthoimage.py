@@ -1,5 +1,5 @@
 """Image and render on the same cells: the image resampled to the nodes of terrain, both resampled to
-coarser cells with a stated point spread.
+coarser cells with a stated point spread, or to area means without further smoothing.
 
 An image and a render can be compared only if they are equally sharp. The point spread is a Gaussian
 with a stated full width at half maximum on the terrain; missing cells have no weight. The Gaussian
@@ -100,6 +100,33 @@ def paired(
     image_there, mass = spread(a, w, math.hypot(cell, dem_fwhm_m / gsd_m), grid)
     render_there, other = spread(b, w, cell, grid)
     return Pair(image_there, render_there, np.minimum(mass, other), target_m, grid)
+
+
+def area_paired(
+    image: ArrayLike, render: ArrayLike, weight: ArrayLike, *, gsd_m: float, target_m: float
+) -> Pair:
+    """Image and render (rows, cols) on cells of ``gsd_m``, both reduced to cells of ``target_m`` by
+    weighted means over each cell's area, and not smoothed, as Pivovarchuk et al. (2026) compare them.
+
+    A fine cell on a border counts with the share that lies inside. ValueError as `CoarseGrid.over`.
+    """
+    a, b = np.asarray(image, dtype=np.float64), np.asarray(render, dtype=np.float64)
+    w = np.where(np.isfinite(a) & np.isfinite(b), np.asarray(weight, dtype=np.float64), 0.0)
+    grid = CoarseGrid.over(a.shape, max(target_m / gsd_m, 1.0))
+    down, right = (_overlaps(n, m, grid.ratio) for n, m in zip(grid.shape, a.shape, strict=True))
+    mass = down @ w @ right.T
+    means = (down @ (np.where(w > 0.0, x, 0.0) * w) @ right.T for x in (a, b))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        seen, model = (np.where(mass > 1e-6, total / mass, np.nan) for total in means)
+    return Pair(seen, model, mass, target_m, grid)
+
+
+def _overlaps(count: int, cells: int, ratio: float) -> Array:
+    """Share (count, cells) of each coarse cell's width that a fine cell covers; rows sum to 1."""
+    low = ratio * np.arange(count)[:, None]
+    fine = np.arange(cells)[None, :]
+    inside = np.minimum(low + ratio, fine + 1.0) - np.maximum(low, fine)
+    return np.asarray(np.maximum(inside, 0.0) / ratio)
 
 
 def spread(

@@ -301,17 +301,25 @@ place, with a larger share of windows below than the second figure, the histogra
 """
 
 
+PLAIN_CAPTION = (
+    "The same comparison without smoothing: area means of image and render over the cells, as in Pivovarchuk et al. "
+    "(2026). Above, both are smoothed by two cells, and the image by what the DEM does not resolve."
+)
+
+
 def windows_data(image: ImageVerdict, shown: Pictures) -> dict[str, Any]:
     """Drawings and captions of the comparison; ``none`` states why there is no comparison."""
     figures = image.windows
     data: dict[str, Any] = dict.fromkeys(
-        ("none", "histogram", "caption", "layers", "pairs", "quiver")
+        ("none", "histogram", "caption", "plain", "plain_caption", "layers", "pairs", "quiver")
     )
     if figures is None or not figures.compared.count:
         data["none"] = f": {image.windows_reason}" if image.windows_reason else ""
         return data
     w = figures.compared
     data["histogram"], data["caption"] = correlation_histogram(w), _histogram_caption(figures)
+    if figures.plain.count:
+        data["plain"], data["plain_caption"] = correlation_histogram(figures.plain), PLAIN_CAPTION
     if shown.ground_image is None or shown.ground_render is None:
         return data
     if w.patch is not None:

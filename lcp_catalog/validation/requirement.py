@@ -22,14 +22,16 @@ from typing import Any
 from ..errors import ConfigError
 from .result import VERDICTS
 
+_WINDOWS = "windows", "windows_plain"
+
 NUMBERS = (
     "points_in_view",
     "points_found",
     *(f"{name}.{of}" for name in ("offset_px", "offset_m", "residual_px") for of in ("median", "p95")),
     "correlation.median",
     "correlation.p05",
-    *(f"windows.{name}" for name in ("size", "step", "count", "gsd_m", "median", "mode")),
-    *(f"windows.{half}share_above_{limit}" for half in ("", "textured.") for limit in ("0_9", "0_7")),
+    *(f"{of}.{name}" for of in _WINDOWS for name in ("size", "step", "count", "gsd_m", "median", "mode")),
+    *(f"{of}.{half}share_above_{limit}" for of in _WINDOWS for half in ("", "textured.") for limit in ("0_9", "0_7")),
     *(f"pose.position_{what}_m" for what in ("error", "sigma", "error_across", "sigma_across")),
     "pose.normalised_error",
     *(f"claims.{name}" for name in ("count", "unclaimed", "usable", "found", "errors")),
@@ -50,7 +52,7 @@ NUMBERS = (
 )  # fmt: skip
 """Paths of the numeric figures in an image's entry."""
 
-_IN_FULL = ("claims.count", "light.points")
+_IN_FULL = "claims.count", "light.points", *(n for n in NUMBERS if n.startswith(_WINDOWS[1]))
 """Paths that must be given in full: their end would be taken for another figure."""
 
 _ERROR = "pose.position_error"
@@ -185,7 +187,7 @@ def _at(image: Mapping[str, Any], path: str) -> Any:
 
 def _why(image: Mapping[str, Any], path: str) -> str:
     """Reason of a missing figure, as far as the report states it."""
-    if path.startswith("windows."):
+    if path.startswith(_WINDOWS):
         return f" ({image['windows']['reason']})" if image["windows"]["reason"] else ""
     if path.startswith("claims.") and image["claims"]["reason"]:
         return f" ({image['claims']['reason']})"

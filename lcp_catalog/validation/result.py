@@ -87,9 +87,12 @@ class PointFigures:
 
 @dataclass(frozen=True, eq=False)
 class WindowFigures:
-    """The n windows of an image, and descriptions of the comparison."""
+    """The n windows of an image, the same windows of plain area means (``plain``), and descriptions
+    of the comparison.
+    """
 
     compared: WindowComparison
+    plain: WindowComparison
     resolution: str  # choice of the cell size, one line
     against: str  # rendered terrain, like "dem.tif at 948 m"
     longitude_deg: Array  # (n,) of the window's centre, east, 0..360
@@ -244,7 +247,8 @@ class ImageVerdict:
                 "median": _percentile(matches.correlation[found], 50.0),
                 "p05": _percentile(matches.correlation[found], 5.0),
             },
-            "windows": self._windows(),
+            "windows": self._windows(self.windows.compared if self.windows else None),
+            "windows_plain": self._windows(self.windows.plain if self.windows else None),
             "pose": None if self.pose is None else self.pose.figures(),
             "claims": self.scores.figures(),
             "located_by": None if self.pose is None else self.located.by,
@@ -266,9 +270,11 @@ class ImageVerdict:
             "missing_share": self.facts.missing_share,
         }
 
-    def _windows(self) -> dict[str, Any]:
-        """``windows`` in ``report.json``; the same names without values if there are none."""
-        figures, w = self.windows, self.windows.compared if self.windows else None
+    def _windows(self, w: WindowComparison | None) -> dict[str, Any]:
+        """``windows`` or ``windows_plain`` in ``report.json``; the same names without values if
+        there are none.
+        """
+        figures = self.windows
         return {
             "size": w.size if w else None,
             "step": w.step if w else None,
@@ -437,7 +443,7 @@ def windows_text(image: ImageVerdict) -> str:
     return (
         f"{w.count} of {w.size} x {w.size} cells of {number(w.gsd_m, 4)} m: {100 * w.share_above(0.9):.1f} % above 0.9, "
         f"{100 * w.share_above(0.7):.1f} % above 0.7, median {w.median:.3f}, mode {w.mode:.3f}; "
-        f"offset: {image.windows.offset_sentence}"
+        f"without smoothing {100 * image.windows.plain.share_above(0.9):.1f} % above 0.9; offset: {image.windows.offset_sentence}"
     )
 
 

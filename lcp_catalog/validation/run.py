@@ -437,6 +437,7 @@ def _fitted(images: Sequence[_Done]) -> FittedErrors:
 def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:
     return WindowFigures(
         ground.windows,
+        ground.plain,
         ground.resolution,
         ground.against,
         ground.longitude_deg,

@@ -111,7 +111,9 @@ def windows(shown: Pictures) -> result.WindowFigures:
 
 def figures_of(found: WindowComparison) -> result.WindowFigures:
     places = np.linspace(3.0, 4.0, found.count), np.linspace(26.0, 25.0, found.count)
-    return result.WindowFigures(found, "from the heights' spectrum", "heights of 118 m", *places)
+    return result.WindowFigures(
+        found, found, "from the heights' spectrum", "heights of 118 m", *places
+    )
 
 
 def claims(n: int, seed: int = 0) -> Claims:

@@ -135,15 +135,25 @@ def test_an_offset_of_the_whole_image_is_removed_where_it_is_asked_for(
 @pytest.mark.parametrize(
     ("posting_m", "target_m", "cell_m"),
     [
-        (118.0, 948.0, 474.0),
+        (118.0, 948.0, 472.0),
         (474.0, 948.0, 474.0),
+        (474.0, 1000.0, 474.0),
         (474.0, 600.0, 474.0),
         (474.0, 474.0, 474.0),
         (474.0, 80.0, 80.0),
     ],
 )
-def test_renders_are_twice_as_fine_as_windows_where_the_dem_is(posting_m, target_m, cell_m) -> None:
+def test_renders_are_twice_as_fine_as_windows_on_whole_multiples_of_the_posting(
+    posting_m, target_m, cell_m
+) -> None:
     assert rendered_cell_m(posting_m, target_m) == cell_m
+
+
+def test_without_smoothing_the_image_keeps_what_the_dem_has_smoothed_away(photo) -> None:
+    """An image made from the DEM: plain area means agree, though the smoothed image does not."""
+    found = against_dem(photo, DemSet.open([HADLEY]), SETTINGS, WindowChoice(16, 16, 240.0))
+    assert found.plain.share_above(0.95) > 0.95 > found.windows.share_above(0.95)
+    assert found.plain.gsd_m == found.windows.gsd_m
 
 
 def test_what_the_dem_has_smoothed_away_the_image_loses_too(photo) -> None:

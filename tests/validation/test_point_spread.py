@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from affine import Affine
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rasterio.warp import Resampling, reproject
 
 from lcp_catalog.constants import SIGMA_PER_FWHM
-from lcp_catalog.validation.orthoimage import CoarseGrid, paired, spread
+from lcp_catalog.validation.orthoimage import CoarseGrid, area_paired, paired, spread
 
 
 def grid(rows: int = 80, cols: int = 100) -> tuple[np.ndarray, np.ndarray]:
@@ -225,3 +227,27 @@ def test_finer_cells_are_refused():
         paired(np.ones((9, 9)), np.ones((9, 9)), np.ones((9, 9)), gsd_m=100.0, target_m=90.0)
     with pytest.raises(ValueError, match="shapes"):
         spread(np.ones((3, 3)), np.ones((3, 4)), 1.0)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 2.5, 3.7])
+def test_plain_means_are_those_of_gdal(ratio):
+    """Means over the area of each coarse cell, cells without data left out: GDAL's ``average``."""
+    dice = np.random.default_rng(5)
+    image, render = dice.uniform(0.5, 1.0, (2, 60, 71))
+    image[20:31, 10:14] = np.nan
+    render[50:, 60:] = np.nan
+    ones = np.ones(image.shape)
+    found = area_paired(image, render, ones, gsd_m=100.0, target_m=100.0 * ratio)
+    gap = np.isnan(image + render)
+    corner, plane = Affine.translation(1e3, 1e3), "+proj=eqc +R=1737400 +units=m"
+    for name, values in (("image", image), ("render", render)):
+        wanted = np.full(found.grid.shape, np.nan)
+        reproject(
+            np.where(gap, np.nan, values), wanted, src_transform=corner * Affine.scale(1.0, -1.0),
+            dst_transform=corner * Affine.scale(ratio, -ratio), src_crs=plane, dst_crs=plane,
+            src_nodata=np.nan, dst_nodata=np.nan, resampling=Resampling.average,
+        )  # fmt: skip
+        np.testing.assert_allclose(getattr(found, name), wanted, atol=1e-6)
+    whole = area_paired(ones, ones, np.where(gap, 0.0, 1.0), gsd_m=100.0, target_m=100.0 * ratio)
+    assert found.weight == pytest.approx(whole.weight)
+    assert found.weight.max() == pytest.approx(1.0)
