@@ -27,7 +27,8 @@ BUDGETS = {
     # 4100, 350 for calls that fail, 25 for frames that are located, 131 for the flight file
     # 78 Kaguya's mare and LOLA's pole among the evidence, 45 all views and Suns of the flight file
     # 155 commands that fork before the call that fails
-    "code lines, benchmarks": 4877,
+    # 1 plain windows
+    "code lines, benchmarks": 4878,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time

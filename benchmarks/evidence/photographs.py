@@ -226,8 +226,8 @@ def histogram(correlation: Array, part: str, title: str) -> Markup:
 
 
 HEAD = (
-    "photograph", "Sun, deg", "pixel, m", "result", "points found", "off, m (stated)", "windows", "> 0.9", "> 0.9 plain", "> 0.7", "mode",
-    "usable points found", "Brier (of the mean)",
+    "photograph", "Sun, deg", "pixel, m", "result", "points found", "off, m (stated)", "windows", "> 0.9", "> 0.9 plain",
+    "> 0.7", "mode", "usable points found", "Brier (of the mean)",
 )  # fmt: skip
 
 

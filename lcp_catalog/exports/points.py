@@ -97,6 +97,12 @@ class ExportedPoints:
         return wrapped_deg(lon), lat
 
     @cached_property
+    def lonlat_height(self) -> Array:
+        """Longitude and latitude as `lonlat_deg`, and the height above the sphere in metres, (n, 3)."""
+        [height] = (one.values for one in self.columns() if one.name == "elevation_m")
+        return np.stack([*self.lonlat_deg, height], -1)
+
+    @cached_property
     def gsd_m(self) -> Array:
         """Cell sizes, (n,)."""
         return np.asarray(self.part("gsd"))

@@ -1,11 +1,15 @@
-"""Tables of the points: CSV (RFC 4180), Parquet, and ground control points of the Ames Stereo Pipeline (``.gcp``)."""
+"""Tables of the points: CSV (RFC 4180), GeoParquet, and ground control points of the Ames Stereo Pipeline (``.gcp``)."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyproj
 
+from ..arrays import Array
 from ..atomic_files import csv_lines
 from ..constants import MOON_RADIUS_M
 from ..errors import package
@@ -26,8 +30,9 @@ def write_columns(columns: list[Column], path: Path) -> None:
 
 
 def write_parquet(points: ExportedPoints, path: Path) -> None:
-    """One row per point. Units and meanings are metadata of the columns, the frame one of the file.
-    MissingPackageError without pyarrow.
+    """GeoParquet 1.1: one row per point, its place in ``geometry``, the other columns as in CSV.
+    Units and meanings are metadata of the columns, the frame one of the file. MissingPackageError
+    without pyarrow.
     """
     arrow = package("pyarrow", "gis", "a .parquet file")
     parquet = package("pyarrow.parquet", "gis", "a .parquet file")
@@ -41,9 +46,28 @@ def write_parquet(points: ExportedPoints, path: Path) -> None:
         )
         for column, array in zip(columns, arrays, strict=True)
     ]
-    about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning}
-    schema = arrow.schema(fields, metadata=about | {"body": "MOON"})
+    xyz = points.lonlat_height
+    arrays.append(arrow.array(_well_known_binary(xyz), arrow.binary()))
+    fields.append(arrow.field("geometry", arrow.binary()))
+    geometry: dict[str, Any] = {
+        "encoding": "WKB",
+        "geometry_types": ["Point Z"],
+        "crs": pyproj.CRS.from_user_input(points.frame.crs).to_json_dict(),
+    }
+    if len(xyz):
+        geometry["bbox"] = [*xyz.min(axis=0).tolist(), *xyz.max(axis=0).tolist()]
+    geo = {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": geometry}}
+    about = {"frame": points.frame.name, "frame_meaning": points.frame.meaning, "body": "MOON"}
+    schema = arrow.schema(fields, metadata=about | {"geo": json.dumps(geo)})
     parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), path)
+
+
+def _well_known_binary(xyz: Array) -> list[bytes]:
+    """Points (n, 3) as ISO WKB: byte order, type 1001 (Point Z), three numbers."""
+    record = np.dtype([("order", "u1"), ("kind", "<u4"), ("xyz", "<f8", 3)])
+    records = np.empty(len(xyz), record)
+    records["order"], records["kind"], records["xyz"] = 1, 1001, xyz
+    return [one.tobytes() for one in records]
 
 
 _WKT = (

@@ -48,10 +48,8 @@ def layers(points: ExportedPoints, wanted_for: str) -> Iterator[Layer]:
     """
     shapely = package("shapely", "gis", wanted_for)
     columns = points.columns()
-    lon, lat = points.lonlat_deg
-    [height] = (column.values for column in columns if column.name == "elevation_m")
     fields = {column.name: column.values for column in columns}
-    yield "points", "Point Z", shapely.points(np.stack([lon, lat, height], -1)), fields
+    yield "points", "Point Z", shapely.points(points.lonlat_height), fields
     few = {name: fields[name] for name in ("point_id", "gsd_m", "level", "usable_share", "frame")}
     yield "footprints", "MultiPolygon", _footprints(points, shapely), few
     found = cells(points)

@@ -491,9 +491,8 @@ def against_patches(
         raise AreaError(
             f"{image.name}: no patch of the catalogue is entirely in the image, sunlit and without invalid pixels"
         )
-    cells = choice.size, choice.step
-    images, renders, found = _of_pairs([pair for pair, _ in both.values()], *cells)
-    plain = _of_pairs([pair for _, pair in both.values()], *cells)[2]
+    images, renders, found = _of_pairs([pair for pair, _ in both.values()], choice)
+    plain = _of_pairs([pair for _, pair in both.values()], choice)[2]
     assert found.patch is not None
     point = rows[whole][found.patch]
     told = "cell size of the patches" if choice.gsd_m is None else "cell size as given"
@@ -521,12 +520,14 @@ def _of_one_size(catalog: Catalog, points: Index) -> tuple[float, Index]:
     return common, points[np.isclose(catalog.gsd[points], common, rtol=1e-6)]
 
 
-def _of_pairs(pairs: Sequence[Pair], size: int, step: int) -> tuple[Array, Array, WindowComparison]:
+def _of_pairs(pairs: Sequence[Pair], choice: WindowChoice) -> tuple[Array, Array, WindowComparison]:
     """Images and renders (n, rows, cols) of pairs, and their windows."""
     images, renders, weights = (
         np.stack([getattr(pair, name) for pair in pairs]) for name in ("image", "render", "weight")
     )
-    found = of_patches(images, renders, weights, gsd_m=pairs[0].gsd_m, size=size, step=step)
+    found = of_patches(
+        images, renders, weights, gsd_m=pairs[0].gsd_m, size=choice.size, step=choice.step
+    )
     return images, renders, found
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
+import geopandas
 import numpy as np
 import pandas
 import pyarrow.parquet
@@ -12,6 +14,7 @@ import pyproj
 import pytest
 from helpers import catalogs
 
+from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.exports.frames import frame_named
 from lcp_catalog.exports.points import ExportedPoints
 from lcp_catalog.exports.tables import write_csv, write_gcp, write_parquet
@@ -63,15 +66,31 @@ def test_parquet_has_units_and_the_frame(catalog, tmp_path: Path) -> None:
     write_parquet(points_of(catalog, "MOON_PA"), tmp_path / "p.parquet")
     table = pyarrow.parquet.read_table(tmp_path / "p.parquet")
     assert table.schema.metadata[b"frame"] == b"MOON_PA"
-    units = {field.name: field.metadata[b"units"].decode() for field in table.schema}
+    units = {f.name: f.metadata[b"units"].decode() for f in table.schema if f.metadata}
     assert units["longitude_deg"] == "degree"
     assert units["gsd_min_m"] == units["x_m"] == "m"
     assert units["usable_share"] == "1"
     assert table.schema.field("point_id").type == "int64"
     frame = pandas.read_parquet(tmp_path / "p.parquet")
-    assert frame.shape == (12, len(units))
+    assert frame.shape == (12, len(units) + 1)
     np.testing.assert_array_equal(frame["elevation_sigma_m"].isna(), np.arange(12) % 3 == 0)
     np.testing.assert_array_equal(frame["harris_response"], catalog.harris_response)
+
+
+def test_parquet_is_a_map(catalog, tmp_path: Path) -> None:
+    """GeoPandas and GDAL read GeoParquet: places, heights, and the Moon's CRS."""
+    write_parquet(points_of(catalog), tmp_path / "p.parquet")
+    found = geopandas.read_parquet(tmp_path / "p.parquet")
+    places = found.geometry.get_coordinates(include_z=True)
+    np.testing.assert_array_equal(places["x"], found["longitude_deg"])
+    np.testing.assert_array_equal(places["y"], found["latitude_deg"])
+    np.testing.assert_array_equal(places["z"], found["elevation_m"])
+    assert found.crs.to_authority() == ("IAU_2015", "30100")
+    assert found.crs.ellipsoid.semi_major_metre == MOON_RADIUS_M
+    west, south, east, north = found.total_bounds
+    geo = json.loads(pyarrow.parquet.read_schema(tmp_path / "p.parquet").metadata[b"geo"])
+    bbox = geo["columns"]["geometry"]["bbox"]
+    assert [bbox[k] for k in (0, 1, 3, 4)] == [west, south, east, north]
 
 
 def test_a_box_and_a_level_choose_points(catalog, tmp_path: Path) -> None:

