@@ -35,7 +35,8 @@ BUDGETS = {
     # 72 STAC items, 10 imports where they are used
     # 314 cameras from SPICE kernels
     # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
-    "code lines, lcp_catalog": 43138,
+    # 68 plain windows, GeoParquet
+    "code lines, lcp_catalog": 43206,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 120 cameras from SPICE kernels
     "code lines, cli": 3912,
@@ -46,7 +47,8 @@ BUDGETS = {
     # 140 approximations
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
     # 360 cameras from SPICE kernels
-    "words of docs": 50762,
+    # 230 plain windows beside the paper's
+    "words of docs": 50992,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
