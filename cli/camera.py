@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from .files import FileCommand, InputFile, OutputFile
+from .groups import Decorator, option_group
 from .messages import EXIT_NO, echo, say
 from .options import check_outputs, dems_option, output_option, overwrite_option
 from .sun import range_of
@@ -78,22 +79,35 @@ def _kernels(path: str) -> Iterator[Path]:
     yield from kernel_files(path)
 
 
+def spice_options(required: bool) -> Decorator:
+    """The kernels, and the names that they have for spacecraft and camera."""
+    needed = "" if required else " For .bsp and .bc."
+    return option_group(
+        click.option(
+            "--kernels",
+            multiple=True,
+            required=required,
+            type=InputFile(_kernels),
+            metavar="META.tm...",
+            help="SPICE kernels, or meta-kernels that name them: SPK, CK, SCLK, FK, IK, LSK, and the Moon's PCK and FK."
+            + needed,
+        ),
+        click.option(
+            "--observer", required=required, metavar="NAME", help="The spacecraft, or its number."
+        ),
+        click.option(
+            "--instrument", required=required, metavar="NAME", help="The camera, or its number."
+        ),
+    )
+
+
 @command.command(
     cls=FileCommand,
     rule=True,
     example="lcp camera from-spice --kernels META.tm --observer LRO --instrument LRO_LROCWAC --time 2026-03-01T12:00 "
     "-o CAMERA.json",
 )
-@click.option(
-    "--kernels",
-    multiple=True,
-    required=True,
-    type=InputFile(_kernels),
-    metavar="META.tm...",
-    help="SPICE kernels, or meta-kernels that name them: SPK, CK, SCLK, FK, IK, LSK, and the Moon's PCK and FK.",
-)
-@click.option("--observer", required=True, metavar="NAME", help="The spacecraft, or its number.")
-@click.option("--instrument", required=True, metavar="NAME", help="The camera, or its number.")
+@spice_options(required=True)
 @click.option("--time", type=Instant(), metavar="UTC", help="Of a framing camera: the instant.")
 @click.option(
     "--range",
@@ -178,3 +192,48 @@ def from_spice(
         document = orbiter.at(time).to_json()
     write_bytes(output, f"{json.dumps(document, allow_nan=False)}\n".encode(), overwrite)
     say(f"{output}: written")
+
+
+@command.command(
+    cls=FileCommand,
+    rule=True,
+    example="lcp camera export CAMERA.json --report check/report.json --kernels META.tm --observer LRO "
+    "--instrument LRO_LROCWAC -o solved.bsp",
+)
+@click.argument("cameras", metavar="CAMERA.json...", nargs=-1, required=True, type=InputFile())
+@click.option(
+    "--report",
+    type=InputFile(),
+    metavar="report.json",
+    help="Of lcp validate, whose images had these cameras, in this order: write the solved positions and attitudes.",
+)
+@spice_options(required=False)
+@output_option("OUT.json|.bsp|.bc")
+@overwrite_option
+def export(
+    cameras: tuple[str, ...],
+    report: str | None,
+    kernels: tuple[str, ...],
+    observer: str | None,
+    instrument: str | None,
+    output: str,
+    overwrite: bool,
+) -> None:
+    """Write cameras, or what lcp validate solved for them, for other programs.
+
+    \b
+    .json  the ISD of a camera (USGS CSM, ISIS, Ames Stereo Pipeline)
+    .bsp   SPICE SPK, type 13, of the spacecraft
+    .bc    SPICE CK, type 3, of the structure that carries the instrument
+    """
+    kernel = Path(output).suffix.lower() in {".bsp", ".bc"}
+    if kernel and not (kernels and observer and instrument):
+        raise click.UsageError(f"-o {output} needs --kernels, --observer and --instrument")
+    check_outputs(overwrite, output)
+
+    from lcp_catalog.exports.cameras import export_cameras
+
+    count = export_cameras(
+        cameras, output, report, kernels, observer or "", instrument or "", overwrite
+    )
+    say(f"{output}: {count} camera{'s' * (count > 1)} written")

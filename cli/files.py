@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 FORMATS = (
     *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".hdf"}, {".json"}),
     *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
-    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".lcpf"}),
+    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}),
     *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}),
 )
 """Endings of files, those of one format together. Any other ending says nothing about the format."""

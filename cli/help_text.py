@@ -32,6 +32,7 @@ GROUPS = {
             "--summing",
             "--ik",
             "--body-frame",
+            "--report",
             "--fov",
             "--field-of-view",
             "--altitude",

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .dem.public import dem_set as dem_set
     from .ephemeris.times import instant_range as instant_range
     from .errors import LcpError as LcpError
+    from .exports.cameras import export_cameras as export_cameras
     from .exports.export import export as export
     from .images.image import Image as Image
     from .images.image_file import open_image as open_image
@@ -76,6 +77,7 @@ _MODULES = {
     "dem_set": "dem.public",
     "diff": "catalog.comparison",
     "export": "exports.export",
+    "export_cameras": "exports.cameras",
     "find_points": "matching.point_search",
     "inspect": "catalog.comparison",
     "instant_range": "ephemeris.times",

@@ -75,6 +75,9 @@ EXPORTS = (
 )
 """Endings of the files that `lcp export` writes."""
 
+CAMERA_EXPORTS = (".json", ".bsp", ".bc")
+"""Endings of the files that `lcp camera export` writes."""
+
 FLIGHT = ".lcpf"
 """Ending of a flight file."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import doctest
 import inspect
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     descent.write_text("\n".join([",".join(["time_utc,x_m,y_m,z_m", *names]), *lines]))
     return {
         "lcp": lcp,
+        "json": json,
         "folder": folder,
         "catalog": folder / "small.h5",
         "camera": path,

@@ -33,22 +33,22 @@ BUDGETS = {
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
     # 72 STAC items, 10 imports where they are used
-    # 314 cameras from SPICE kernels
+    # 314 cameras from SPICE kernels, 291 kernels and ISDs of cameras
     # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
     # 68 plain windows, GeoParquet
-    "code lines, lcp_catalog": 43206,
+    "code lines, lcp_catalog": 43497,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
-    # 120 cameras from SPICE kernels
-    "code lines, cli": 3912,
+    # 166 cameras from SPICE kernels, and back
+    "code lines, cli": 3958,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
     # 204 what is proved of the flight file's reference
     # 140 approximations
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
-    # 360 cameras from SPICE kernels
+    # 360 cameras from SPICE kernels, 188 kernels and ISDs of cameras
     # 230 plain windows beside the paper's
-    "words of docs": 50992,
+    "words of docs": 51180,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -23,7 +23,7 @@ from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import Time, Times, instants
 from ..errors import CameraError, package, unknown_keys, unread
 from .frame_camera import Camera
-from .isd import Tables, frame_from_isd, sensor_from_isd
+from .isd import Tables, frame_from_isd, plane_of_isd, sensor_from_isd
 from .json_fields import JsonFields
 from .scanners import LineScanner
 
@@ -142,7 +142,7 @@ class SpiceCamera:
     def along(self, times: Times) -> list[Camera]:
         """The framing cameras at instants (UTC), in their order."""
         with loaded(self.kernels) as spice:
-            there = _Instrument(spice, self)
+            there = OpenInstrument(spice, self)
             common, looks_back = there.focal_plane(), there.looks_back
             common |= {
                 "name_model": "USGS_ASTRO_FRAME_SENSOR_MODEL",
@@ -164,7 +164,7 @@ class SpiceCamera:
         """
         labels = instants([start, stop]).labels()
         with loaded(self.kernels) as spice:
-            there = _Instrument(spice, self)
+            there = OpenInstrument(spice, self)
             first, last = map(there.time, labels)
             lines = round((last - first) / line_s) if line_s > 0.0 else 0
             if not 1 <= lines <= 1_000_000:
@@ -192,7 +192,7 @@ class SpiceCamera:
         return found
 
 
-class _Instrument:
+class OpenInstrument:
     """The instrument of loaded kernels."""
 
     def __init__(self, spice: Any, asked: SpiceCamera) -> None:
@@ -341,21 +341,23 @@ class _Instrument:
 
     def tables(self, times: Sequence[float] | Array, middle: float) -> dict[str, Any]:
         """The fields of an ISD about position, attitude and the Moon's orientation at ephemeris times."""
-        states = [self._state(et) for et in times]
+        states = [self.state(et) for et in times]
         rows = {"ephemeris_times": [float(et) for et in times], "reference_frame": 1}
         code = int(self.spice.namfrm(self.body))
         return {
             "center_ephemeris_time": middle,
             "instrument_position": rows
             | {"positions": [one[:3] for one in states], "velocities": [one[3:] for one in states]},
-            "instrument_pointing": rows
-            | {"quaternions": [self._turn(self.frame, et) for et in times]},
+            "instrument_pointing": rows | {"quaternions": self._quaternions(self.frame, times)},
             "body_rotation": rows
-            | {"quaternions": [self._turn(self.body, et) for et in times]}
+            | {"quaternions": self._quaternions(self.body, times)}
             | {"time_dependent_frames": [code, 1]},
         }
 
-    def _state(self, et: float) -> list[float]:
+    def _quaternions(self, frame: str, times: Sequence[float] | Array) -> list[list[float]]:
+        return [self.spice.m2q(self.turn(frame, et)).tolist() for et in times]
+
+    def state(self, et: float) -> list[float]:
         """Position (km) and velocity (km/s) of the observer from the Moon's centre, J2000."""
         try:
             state, _ = self.spice.spkez(self.observer, et, "J2000", "NONE", 301)
@@ -364,26 +366,40 @@ class _Instrument:
             raise self._outside(f"position of {self.asked.observer}", et, covered, error) from error
         return list(map(float, state))
 
-    def _turn(self, frame: str, et: float) -> list[float]:
-        """Quaternion from J2000 to a frame."""
+    def turn(self, frame: str, et: float) -> Array:
+        """Rotation (3, 3) from J2000 to a frame."""
         try:
-            return list(map(float, self.spice.m2q(self.spice.pxform("J2000", frame, et))))
+            return np.asarray(self.spice.pxform("J2000", frame, et))
         except self.spice.utils.exceptions.SpiceyError as error:
             of_moon = frame == self.body
             covered = (
-                "it is in a PCK of the Moon" if of_moon else self._covered("CK", self._structure())
+                "it is in a PCK of the Moon" if of_moon else self._covered("CK", self.carrier()[0])
             )
             raise self._outside(f"orientation of {frame}", et, covered, error) from error
 
-    def _structure(self) -> int:
-        """Number of the CK's structure on which the instrument's frame stands; that of the frame if of none."""
-        code = int(self.spice.namfrm(self.frame))
+    def carrier(self) -> tuple[int, Array]:
+        """Number of the structure (CK) that carries the instrument, of the frame itself if of none, and the rotation
+        (3, 3) from the instrument's frame to its.
+        """
+        code, turn = int(self.spice.namfrm(self.frame)), np.eye(3)
         for _ in range(10):
             _, kind, number = self.spice.frinfo(code)
             if kind != 4:
                 break
-            _, code = self.spice.tkfram(code)
-        return int(number)
+            to_next, code = self.spice.tkfram(code)
+            turn = np.asarray(to_next) @ turn
+        return int(number), turn
+
+    def ticks(self, structure: int, times: Array) -> list[float]:
+        """Ephemeris times as continuous ticks of the spacecraft clock of a structure."""
+        with _explained(self.spice, f"the clock of {structure}: load the spacecraft's SCLK kernel"):
+            clock = int(self.spice.ckmeta(structure, "SCLK"))
+            return [float(self.spice.sce2c(clock, et)) for et in times]
+
+    def camera_axes(self) -> Array:
+        """Rotation (3, 3) from the instrument's frame to camera axes: right, down, ahead."""
+        fields = JsonFields(self.focal_plane(), self.asked.instrument)
+        return plane_of_isd(fields, looks_back=self.looks_back)[1]
 
     def _covered(self, kind: str, code: int) -> str:
         """What the loaded kernels of a kind have of an object: its first and its last time."""

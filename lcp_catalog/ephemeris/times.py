@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -98,6 +99,16 @@ def utc_of_ephemeris_time(seconds: float) -> str:
     return (
         f"{int(year):04d}-{int(month):02d}-{int(day):02d}T{h:02d}:{m:02d}:{s:02d}.{fraction:03d}Z"
     )
+
+
+def ephemeris_time(time_utc: Time) -> float:
+    """SPICE ephemeris time of an instant: seconds of barycentric dynamical time since J2000, by SPICE's own
+    formula. For UTC before 1972 see `utc_of_ephemeris_time`.
+    """
+    jd1, jd2 = instants(time_utc).terrestrial()
+    terrestrial = float(((jd1 - 2451545.0) + jd2)[0]) * 86400.0
+    anomaly = 6.239996 + 1.99096871e-7 * terrestrial
+    return terrestrial + 1.657e-3 * math.sin(anomaly + 1.671e-2 * math.sin(anomaly))
 
 
 @runtime_checkable
