@@ -107,10 +107,12 @@ def export_cameras(
     if ending == ".json":
         if len(kept) > 1:
             raise ConfigError(f"{output}: an ISD is of one camera, not of {len(kept)}")
-        text = json.dumps(_isd(*kept[0]), allow_nan=False)
+        text = json.dumps(_isd(kept[0][0], kept[0][1]), allow_nan=False)
         write_bytes(output, f"{text}\n".encode(), overwrite)
         return 1
-    nodes = sorted((_nodes(*one) for one in kept), key=lambda one: float(one.times[0]))
+    nodes = sorted(
+        (_nodes(path, moved) for path, moved in kept), key=lambda one: float(one.times[0])
+    )
     with loaded(kernels) as spice:
         there = OpenInstrument(spice, SpiceCamera(observer, instrument))
         make = _spk if ending == ".bsp" else _ck
