@@ -6,17 +6,16 @@ import csv
 import ctypes
 import errno
 import hashlib
-import io
 import itertools
 import os
 import re
 import shutil
 import stat
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from .errors import OutputError, OutputExistsError, printable, unread
 
@@ -325,16 +324,27 @@ def file_state(facts: os.stat_result) -> tuple[int, ...]:
 
 
 def csv_lines(rows: Iterable[Iterable[Any]]) -> Iterator[str]:
-    """Lines of a CSV table (RFC 4180). A text that a spreadsheet would take for a formula begins with an
-    apostrophe; texts of numbers stay.
+    """Lines of a CSV table (RFC 4180), its texts as `csv_cell` returns them."""
+    return csv_rows(map(csv_cell, row) for row in rows)
+
+
+def csv_rows(rows: Iterable[Iterable[Any]]) -> Iterator[str]:
+    """Lines of a CSV table of numbers, and of texts that `csv_cell` has seen."""
+    writer = csv.writer(_Line(), lineterminator="\r\n")
+    return map(cast("Callable[[Iterable[Any]], str]", writer.writerow), rows)
+
+
+class _Line:
+    """A file whose ``write`` returns the line, which a CSV writer then returns."""
+
+    def write(self, text: str) -> str:
+        return text
+
+
+def csv_cell(value: Any) -> Any:
+    """A value for a CSV table. A text that a spreadsheet would take for a formula gets an apostrophe before it;
+    texts of numbers stay.
     """
-    for row in rows:
-        out = io.StringIO()
-        csv.writer(out, lineterminator="\r\n").writerow(map(_cell, row))
-        yield out.getvalue()
-
-
-def _cell(value: Any) -> Any:
     if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")):
         try:
             float(value)

@@ -188,7 +188,7 @@ _STORED = (
 def plain(values: AnyArray, missing: str | None) -> list[Any]:
     """Values as Python's own, whose shortest text gives the same number again; ``missing`` for NaN."""
     found = np.asarray(values)
-    if found.dtype.kind != "f":
+    if found.dtype.kind != "f" or not np.isnan(found).any():
         return list(found.tolist())
     return [missing if math.isnan(value) else value for value in found.tolist()]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pyproj
 
 from ..arrays import Array
-from ..atomic_files import csv_lines
+from ..atomic_files import csv_cell, csv_lines, csv_rows
 from ..constants import MOON_RADIUS_M
 from ..errors import package
 from .points import Column, ExportedPoints, plain
@@ -25,8 +25,12 @@ def write_columns(columns: list[Column], path: Path) -> None:
     """Columns as CSV; numbers with all their digits, missing ones as empty cells."""
     with path.open("w", encoding="utf-8", newline="") as file:
         file.writelines(csv_lines([[column.name for column in columns]]))
-        rows = zip(*(plain(column.values, "") for column in columns), strict=True)
-        file.writelines(csv_lines(rows))
+        file.writelines(csv_rows(zip(*map(_csv_cells, columns), strict=True)))
+
+
+def _csv_cells(column: Column) -> list[Any]:
+    cells = plain(column.values, "")
+    return cells if column.values.dtype.kind in "fiub" else list(map(csv_cell, cells))
 
 
 def write_parquet(points: ExportedPoints, path: Path) -> None:

@@ -303,7 +303,7 @@ place, with a larger share of windows below than the second figure, the histogra
 
 PLAIN_CAPTION = (
     "The same comparison without smoothing: area means of image and render over the cells, as in Pivovarchuk et al. "
-    "(2026). Above, both are smoothed by two cells, and the image by what the DEM does not resolve."
+    "(2026). In the other histogram, both are smoothed by two cells, and the image by what the DEM does not resolve."
 )
 
 
