@@ -135,12 +135,14 @@ def command(
         raise click.UsageError(f"-o {output}: the output must end in .csv")
 
     from lcp_catalog.atomic_files import write_bytes
+    from lcp_catalog.catalog.verification import open_catalog
     from lcp_catalog.navigation.site_windows import windows
 
     options.check_outputs(overwrite, output)
+    opened = open_catalog(catalog, check=False)  # here is one thread, and `progress` starts another
     with progress("instants") as update:
         found = windows(
-            catalog,
+            opened,
             center,
             range_of(span),
             size_km=site.size_km or DEFAULT_SIZE_KM,

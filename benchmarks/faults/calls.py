@@ -16,6 +16,7 @@ import gc
 import os
 import re
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -30,11 +31,10 @@ import numpy as np
 from lcp_cli.main import run
 
 from benchmarks.faults import failing
+from lcp_catalog.production import executor
 from lcp_catalog.tradeoff import measurement
 from tests.helpers import small_commands
 
-MALLOC = ("query", "inspect", "export .gpkg", "render", "merge", "build-catalog")
-"""Commands of which memory is made to fail."""
 CHANGING = ("write", "rename", "unlink", "fsync")
 """Kinds of calls that also fail in runs that replace an old output."""
 
@@ -54,7 +54,7 @@ def main(words: Sequence[str]) -> int:
         metavar="N",
         help="at most N calls of each kind and error, spread evenly; default: all",
     )
-    malloc = "calls for memory that fail, of each command that is tried so"
+    malloc = "calls for memory that fail, of each command"
     parser.add_argument("--malloc", type=int, default=300, metavar="N", help=malloc)
     parser.add_argument("--jobs", type=int, default=2, help="commands that are tried at once")
     given = parser.parse_args(words)
@@ -70,7 +70,7 @@ def _tried(given: argparse.Namespace, folder: Path) -> int:
     inputs.mkdir()
     _wait(_forked(partial(small_commands.prepare, inputs, given.only)))
     running: dict[int, str] = {}
-    left = sorted(given.only, key=lambda name: small_commands.COMMANDS[name].cold)
+    left = [*given.only]
     failed: list[str] = []
     while left or running:
         if left and len(running) < given.jobs:
@@ -119,14 +119,18 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     workers = measurement.Workers
     # the tiers of `trade` run here, not in processes that each import all anew: no option of the command does that
     measurement.Workers = lambda isolated: workers(isolated=False)  # type: ignore[assignment,misc]  # for a class
+    # likewise workers of a build are forks of the command, which end by SIGTERM as those of the fork server do
+    pool, begin = executor._new_pool, executor._begin_worker
+    executor._new_pool = lambda jobs, method="fork": pool(jobs, method)
+    executor._begin_worker = lambda: (signal.signal(signal.SIGTERM, signal.SIG_DFL), begin())[1]
+    executor.start_early = lambda: None
     attempts = failing.Attempts(folder / _file(name))
     inputs = words.inputs(folder / "inputs")
-    if not words.cold:
-        _warm(attempts, words, inputs)
+    _warm(attempts, words, inputs)
     trial = failing.Trial.of(attempts, words, inputs)
     found: dict[str, Counter[str]] = {kind: Counter() for kind in given.kinds}
     start = time.monotonic()
-    memory = "malloc" if name in MALLOC and "malloc" in given.kinds else ""
+    memory = "malloc" if "malloc" in given.kinds else ""
     for old in (False, True) if trial.whole and "--overwrite" in words.again else (False,):
         if old:
             trial = trial.over_old()

@@ -20,6 +20,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -58,7 +59,12 @@ ALONE = {"each": "once", "halves": "short"}
 LOCK = "lcp.lock"
 """Name of the file by which a command locks the folder that it writes to."""
 
+_SOCKETS = "/pymp-"
+"""How the folders begin that multiprocessing makes for its sockets."""
+
 LONGEST_S = 300.0
+_GONE_S = 60.0
+"""Time in which processes end that a command has started, on a busy machine."""
 _STATE = struct.Struct("6q16q64s512s512s")
 _HOW = ("once", "on", "short", *ALONE)
 
@@ -169,7 +175,7 @@ class Attempts:
             os.killpg(process, signal.SIGABRT)
         code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
         wrong = "it hangs" if late else ""
-        if not wait_for(lambda: is_gone(process), 5.0):
+        if not wait_for(lambda: is_gone(process), _GONE_S):
             wrong = wrong or "processes are left"
             os.killpg(process, signal.SIGKILL)
         out, err = (stream.read_text(errors="replace") for stream in streams)
@@ -318,7 +324,7 @@ class Attempts:
             os.setpgrp()
             self._redirect(streams, os.O_TRUNC)
             os.chdir(place)
-            os.environ["TMPDIR"] = str(place)
+            os.environ["TMPDIR"] = tempfile.tempdir = str(place)
             if at_stations:
                 self._at_stations(at_stations)
             self._arm(1)
@@ -368,8 +374,8 @@ def _fill(place: Path, content: Content) -> None:
 
 
 def content_of(folder: Path) -> Content:
-    """What a folder holds."""
-    found = sorted(folder.rglob("*"))
+    """What a folder holds, but the sockets of Python's processes and their folder."""
+    found = sorted(path for path in folder.rglob("*") if _SOCKETS not in str(path))
     return {
         f"{path.relative_to(folder)}{'/' if path.is_dir() else ''}": b"" if path.is_dir() else path.read_bytes()
         for path in found
@@ -483,7 +489,11 @@ class Trial:
             return ""
         if ended.code != 1:
             return f"exit {ended.code}: {ended.err[-300:]!r} {ended.out[:300]!r}"
-        told = (line for line in ended.err.splitlines() if not re.search(r": \d+ of \d+, ", line))
+        told = (
+            line
+            for line in ended.err.splitlines()
+            if not re.search(r": (\d+ of \d+|preparing), ", line)
+        )
         own = [line for line in told if line and line not in self.ended.err]
         ugly = any("unexpected" in line for line in own)
         if fault.kind == "malloc":  # GDAL says it itself

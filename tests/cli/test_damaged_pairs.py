@@ -133,9 +133,8 @@ def _uses(ending: str) -> list[tuple[str, str]]:
     for name, words in COMMANDS.items():
         line = words.line.split()
         given = [word for before, word in itertools.pairwise(line) if before != "-o"]
-        if (not words.cold and not name.startswith("export")) or name in (
-            "export .gpkg",
-            "export .lmk",
+        if name in ("export .gpkg", "export .lmk") or not name.startswith(
+            ("export", "build-catalog --jobs")
         ):
             found += [(name, word) for word in given if word.endswith(ending)]
     return found

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import json
 import logging
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+from helpers import navigable
 from lcp_cli import main, messages
 from lcp_cli import progress as module
 from lcp_cli.progress import duration_text, progress
 
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import DemError
 
 
@@ -137,3 +142,22 @@ def test_the_heart_beats_while_a_step_runs(
         update(0, 3)
         time.sleep(0.5)
     assert capsys.readouterr().err.count("areas: 0 of 3, ") >= 2
+
+
+CHECKED = """
+import sys
+from lcp_catalog import child_process
+from lcp_cli.main import run
+child_process._fresh = None
+sys.exit(run(sys.argv[1:]))
+"""
+
+
+def test_a_catalogue_is_checked_before_progress_starts_a_thread(tmp_path: Path) -> None:
+    """A process of two threads is not forked, and a fresh interpreter takes 0.3 s for the check's imports."""
+    write_catalog(navigable.everywhere_usable(2), tmp_path / "c.h5")
+    words = ["windows", "c.h5", "--center", "3.5", "26"]
+    words += ["--range", "2026-01-27", "2026-01-29", "12h"]
+    command = [sys.executable, "-c", CHECKED, *words]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr

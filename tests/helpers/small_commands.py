@@ -34,15 +34,13 @@ model = { accuracy = "draft", direction_tolerance_deg = 1.0, ring_max_km = 20.0 
 
 @dataclass(frozen=True)
 class Words:
-    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``cold``: it
-    starts processes of its own, so that each run begins without any that an earlier one started. ``together``: its
+    """Words of a command, inputs that they do not name, and the words that a next try has besides. ``together``: its
     files appear together or not at all. ``verdict``: it says with exit code 4 that a file is damaged.
     """
 
     line: str
     others: tuple[str, ...] = ()
     again: str = "--overwrite"
-    cold: bool = False
     together: bool = False
     verdict: bool = False
 
@@ -64,7 +62,7 @@ COMMANDS = {
     "render": Words(f"{_RENDER} --preview p.png --depfile r.d"),
     "sun": Words("sun --center 3.5 26 --dem dem.tif --gsd 474 --time 2026-01-27T02:00:00", again=""),
     "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),
-    "build-catalog --jobs 2": Words(f"{_BUILD} --jobs 2", again="--resume --overwrite", cold=True),
+    "build-catalog --jobs 2": Words(f"{_BUILD} --jobs 2", again="--resume --overwrite"),
     "inspect": Words("inspect full.h5", again="", verdict=True),
     "inspect .lcpf": Words("inspect site.lcpf", again="", verdict=True),
     "report": Words("report full.h5 -o r.html"),
