@@ -29,11 +29,12 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import h5py
 from lcp_cli.main import run
 
 from benchmarks.faults.processes import is_gone, wait_for
 from lcp_catalog import child_process
-from lcp_catalog.catalog import stored, verification
+from lcp_catalog.catalog import file_structure, stored, verification
 from tests.helpers.small_commands import Words
 
 KINDS = {
@@ -68,7 +69,11 @@ _GONE_S = 60.0
 _STATE = struct.Struct("6q16q64s512s512s")
 _HOW = ("once", "on", "short", *ALONE)
 
-_OPENED = stored.StoredFile.opened
+_STATIONS: tuple[tuple[Any, str], ...] = (
+    (stored.StoredFile, "opened"),
+    (file_structure, "_storage_fault"),
+    (h5py.Dataset, "__getitem__"),
+)
 _COUNTS = slice(6 * 8, (6 + len(KINDS)) * 8)
 _NUMBERS = struct.Struct(f"{len(KINDS)}q")
 
@@ -161,7 +166,7 @@ class Attempts:
         self._write(place, fault)
         process = os.fork()
         if not process:
-            self._command(words, place, streams, at_stations)
+            self._command(words, place, streams, at_stations, apart=fault is not None)
         return self._ended(process, place, streams, LONGEST_S if at_stations is None else None)
 
     def _ended(
@@ -207,8 +212,9 @@ class Attempts:
     # -- from within a run
 
     def stations(self, words: str, place: Path, kind: str) -> list[dict[str, int]]:
-        """Calls of each kind until a command, in which nothing fails, comes to each of its stations: where it starts
-        another process that checks a catalogue, or opens one. Calls for memory only where they are the ``kind``.
+        """Calls of each kind until a command, in which nothing fails, comes to each of its stations: where it opens a
+        catalogue, checks one, or reads a variable. The check is made here, where a crash of it would end the
+        command; but of calls for memory, if they are the ``kind``, in its own process, without a station.
         """
         notes = self.folder.with_suffix(".stations")
         notes.write_bytes(b"")
@@ -271,13 +277,15 @@ class Attempts:
         self._redirect(streams, os.O_APPEND)
         raise _Branched
 
-    def _at_stations(self, do: Callable[[dict[str, int]], object]) -> None:
-        """Call a function at each station of the command of this process."""
+    def _at_stations(self, do: Callable[[dict[str, int]], object], apart: bool) -> None:
+        """Call a function at each station of the command of this process; what checks a catalogue ``apart``, or here."""
+        last: dict[str, int] = {}
 
         def stop() -> None:
-            if self._on_the_way != os.getpid():
-                return
             here, numbers = self._counted(), self._state[: _COUNTS.start]
+            if self._on_the_way != os.getpid() or here == last:
+                return
+            last.update(here)
             self._arm(0)
             try:
                 do(here)
@@ -288,17 +296,23 @@ class Attempts:
             self._state[:] = numbers + self._state[_COUNTS.start :]
             self._state[_COUNTS] = _NUMBERS.pack(*here.values())
 
-        def check(*arguments: Any) -> Any:
+        def check(function: Callable[[Any], Any], *rest: Any) -> Any:
             stop()
-            return child_process.call_apart(*arguments)
+            if apart or self._on_the_way != os.getpid():
+                return child_process.call_apart(function, *rest)
+            return json.loads(json.dumps(function(rest[0])))
 
-        def opened(file: stored.StoredFile) -> Any:
-            stop()
-            return _OPENED(file)
+        def stopping(call: Callable[..., Any]) -> Callable[..., Any]:
+            def stopped(*arguments: Any) -> Any:
+                stop()
+                return call(*arguments)
+
+            return stopped
 
         self._on_the_way = os.getpid()
         patch.object(verification, "call_apart", check).start()
-        patch.object(stored.StoredFile, "opened", opened).start()
+        for owner, name in _STATIONS[: 1 if apart else None]:
+            patch.object(owner, name, stopping(getattr(owner, name))).start()
 
     def _arm(self, armed: int) -> None:
         self._state[:8] = struct.pack("q", armed)
@@ -318,6 +332,7 @@ class Attempts:
         place: Path,
         streams: Sequence[Path],
         at_stations: Callable[[dict[str, int]], object] | None,
+        apart: bool,
     ) -> None:
         code = 70
         try:
@@ -326,7 +341,7 @@ class Attempts:
             os.chdir(place)
             os.environ["TMPDIR"] = tempfile.tempdir = str(place)
             if at_stations:
-                self._at_stations(at_stations)
+                self._at_stations(at_stations, apart)
             self._arm(1)
             code = run(words.split())
             self._arm(0)
