@@ -21,8 +21,10 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import _ExecutorManagerThread
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -33,7 +35,7 @@ import h5py
 from lcp_cli.main import run
 
 from benchmarks.faults.processes import is_gone, wait_for
-from lcp_catalog import child_process
+from lcp_catalog import atomic_files, child_process
 from lcp_catalog.catalog import file_structure, stored, verification
 from tests.helpers.small_commands import Words
 
@@ -55,10 +57,11 @@ KINDS = {
 fails and succeeds when it is made again; "halves": every call moves half of its bytes, without an error. Of these two,
 one run tries all calls; where its output is not whole, each call fails alone, see `ALONE`.
 """
+OF_INPUTS = ("open", "read", "mmap", "close")
 ALONE = {"each": "once", "halves": "short"}
 
-LOCK = "lcp.lock"
-"""Name of the file by which a command locks the folder that it writes to."""
+LOCK = ".lock"
+"""How the names end of files by which a command locks the folders that it writes to."""
 
 _SOCKETS = "/pymp-"
 """How the folders begin that multiprocessing makes for its sockets."""
@@ -71,6 +74,7 @@ _HOW = ("once", "on", "short", *ALONE)
 
 _STATIONS: tuple[tuple[Any, str], ...] = (
     (stored.StoredFile, "opened"),
+    (atomic_files, "_taken_folder"),
     (file_structure, "_storage_fault"),
     (h5py.Dataset, "__getitem__"),
 )
@@ -213,7 +217,7 @@ class Attempts:
 
     def stations(self, words: str, place: Path, kind: str) -> list[dict[str, int]]:
         """Calls of each kind until a command, in which nothing fails, comes to each of its stations: where it opens a
-        catalogue, checks one, or reads a variable. The check is made here, where a crash of it would end the
+        catalogue, checks one, reads a variable, or begins an output. The check is made here, where a crash of it would end the
         command; but of calls for memory, if they are the ``kind``, in its own process, without a station.
         """
         notes = self.folder.with_suffix(".stations")
@@ -241,10 +245,15 @@ class Attempts:
 
         def serve(here: dict[str, int]) -> None:
             beyond = next(following, here)
+            held = _open_files(place)
+            if held - {os.O_RDONLY}:
+                return
             for fault in faults:
+                if (
+                    held and fault.kind in OF_INPUTS
+                ):  # a fork opens a DEM anew: not the command's own calls
+                    continue
                 if here[fault.kind] < fault.nth <= beyond[fault.kind]:
-                    if _is_writing(place):
-                        os._exit(0)
                     now = content_of(place)
                     ended = self._branched(place, fault, here)
                     left = content_of(place)
@@ -283,7 +292,7 @@ class Attempts:
 
         def stop() -> None:
             here, numbers = self._counted(), self._state[: _COUNTS.start]
-            if self._on_the_way != os.getpid() or here == last:
+            if self._on_the_way != os.getpid() or here == last or _has_workers():
                 return
             last.update(here)
             self._arm(0)
@@ -311,7 +320,7 @@ class Attempts:
 
         self._on_the_way = os.getpid()
         patch.object(verification, "call_apart", check).start()
-        for owner, name in _STATIONS[: 1 if apart else None]:
+        for owner, name in _STATIONS[: 2 if apart else None]:
             patch.object(owner, name, stopping(getattr(owner, name))).start()
 
     def _arm(self, armed: int) -> None:
@@ -356,15 +365,23 @@ class Attempts:
             os._exit(code)
 
 
-def _is_writing(place: Path) -> bool:
-    """True if this process holds a file of a folder open to write, but the lock."""
+def _open_files(place: Path) -> set[int]:
+    """How this process holds files of a folder open, to write or to read; but locks and what HDF5 reads, by place."""
+    found = set()
     for opened in Path("/proc/self/fd").iterdir():
         with suppress(OSError):
             file = os.readlink(opened)
-            how = int(Path("/proc/self/fdinfo", opened.name).read_text().split()[3], 8)
-            if file.startswith(f"{place}/") and LOCK not in file and how & os.O_ACCMODE:
-                return True
-    return False
+            how = (
+                int(Path("/proc/self/fdinfo", opened.name).read_text().split()[3], 8) & os.O_ACCMODE
+            )
+            if file.startswith(f"{place}/") and LOCK not in file and (how or ".h5" not in file):
+                found.add(how)
+    return found
+
+
+def _has_workers() -> bool:
+    """True if a thread of this process, which no fork has, takes results from other processes."""
+    return any(isinstance(one, _ExecutorManagerThread) for one in threading.enumerate())
 
 
 class _Branched(BaseException):

@@ -10,6 +10,7 @@ import itertools
 import json
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -235,7 +236,7 @@ def merge_catalogs(
     """
     paths = [one.path if isinstance(one, Catalog) else one for one in catalogs]
     check_output(output, overwrite, [path for path in paths if path is not None])
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() if None in paths else nullcontext("") as folder:
         inputs = [_Input.of(one, Path(folder)) for one in catalogs]
         for other in inputs[1:]:
             _require_compatible(inputs[0], other)

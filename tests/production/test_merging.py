@@ -239,6 +239,15 @@ def test_the_order_of_the_inputs_does_not_matter(paths: list[Path], tmp_path: Pa
     assert (tmp_path / "m.h5").read_bytes() == (tmp_path / "n.h5").read_bytes()
 
 
+def test_files_are_merged_without_a_temporary_folder(
+    paths: list[Path], merged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its removal can fail, and then it stays."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "no such folder"))
+    merge_catalogs(paths, tmp_path / "m.h5")
+    assert (tmp_path / "m.h5").read_bytes() == merged.read_bytes()
+
+
 def test_catalogues_in_memory_are_merged_as_files(
     inputs: list[Catalog], paths: list[Path], merged: Path, tmp_path: Path
 ) -> None:
