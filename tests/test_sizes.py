@@ -26,9 +26,9 @@ SIZES = _module()
 BUDGETS = {
     # 4100, 350 for calls that fail, 25 for frames that are located, 131 for the flight file
     # 78 Kaguya's mare and LOLA's pole among the evidence, 45 all views and Suns of the flight file
-    # 155 commands that fork before the call that fails
+    # 155 commands that fork before the call that fails, 38 in checks and where outputs begin
     # 1 plain windows
-    "code lines, benchmarks": 4878,
+    "code lines, benchmarks": 4916,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -36,10 +36,10 @@ BUDGETS = {
     # 314 cameras from SPICE kernels, 291 kernels and ISDs of cameras
     # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
     # 68 plain windows, GeoParquet; 4 faster CSV
-    "code lines, lcp_catalog": 43503,
+    "code lines, lcp_catalog": 43504,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 166 cameras from SPICE kernels, and back
-    "code lines, cli": 3958,
+    "code lines, cli": 3960,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
