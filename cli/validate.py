@@ -137,8 +137,8 @@ def _written(folder: str) -> Iterator[Path]:
     "errors_file",
     type=OutputFile(dir_okay=False),
     metavar="ERRORS.toml",
-    help="Also fit the error model of image and render to the points searched for in all images, and write it as the "
-    "section [errors] of a BUILD.toml.",
+    help="Also fit the error model of image and render to the points searched for, and write it as the section [errors] of "
+    "a BUILD.toml; a file for each kind of images. Simulated images: set errors.moving_share to 1 before.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Also print report.json on stdout.")
 @options.overwrite_option
@@ -189,7 +189,7 @@ def command(
         raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
     from lcp_catalog.atomic_files import check_folder, check_output
     from lcp_catalog.photometry.albedo_map import AlbedoMap
-    from lcp_catalog.validation.output import FILES, write_validation
+    from lcp_catalog.validation.output import FILES, errors_files, write_validation
     from lcp_catalog.validation.public import validate
     from lcp_catalog.validation.requirement import Requirement
     from lcp_catalog.validation.result import summary_lines
@@ -240,7 +240,7 @@ def command(
     failures = wanted.failures(result.verdict.document()) if wanted else []
     for line in failures:
         say(f"lcp: --require: {line}")
-    if result.fitted:
-        say(f"{errors_file}: errors fitted to {result.fitted.points} points")
+    for path, errors in errors_files(Path(errors_file or ""), result.fitted):
+        say(f"{path}: errors fitted to {errors.points} points ({errors.kind})")
     say(f"{output}/report.html: written")
     return EXIT_NO if failures or not result.located else 0

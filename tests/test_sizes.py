@@ -28,7 +28,8 @@ BUDGETS = {
     # 78 Kaguya's mare and LOLA's pole among the evidence, 45 all views and Suns of the flight file
     # 155 commands that fork before the call that fails, 38 in checks and where outputs begin
     # 1 plain windows
-    "code lines, benchmarks": 4916,
+    # 1 plain windows, 1 share of the noise that displaces simulated matches
+    "code lines, benchmarks": 4917,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -36,7 +37,8 @@ BUDGETS = {
     # 314 cameras from SPICE kernels, 291 kernels and ISDs of cameras
     # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
     # 68 plain windows, GeoParquet; 4 faster CSV
-    "code lines, lcp_catalog": 43504,
+    # 78 ellipses by a part of the noise, an error model for each kind of images
+    "code lines, lcp_catalog": 43582,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 166 cameras from SPICE kernels, and back
     "code lines, cli": 3960,
@@ -48,7 +50,8 @@ BUDGETS = {
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
     # 360 cameras from SPICE kernels, 188 kernels and ISDs of cameras
     # 230 plain windows beside the paper's
-    "words of docs": 51180,
+    # 209 ellipses by a part of the noise
+    "words of docs": 51389,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -38,7 +38,7 @@ height_sigma_m = 87.0
 height_length_m = 1420.0
 albedo_sigma = 0.079
 albedo_length_m = 7200.0
-position_sigma_m = 137.0
+position_sigma_m = 150.0
 spread = 0.27
 [points]
 patch_nodes = 25

@@ -51,6 +51,8 @@ BITS = 12
 SEED = 14
 SMOOTH_TOML = (
     "[errors]\nshadow_shift = 0.0\n"  # the ground has no relief that the DEM's cells do not show
+    # the clone's height errors and brightness are independent of the ground: all of the noise displaces matches
+    "moving_share = 1.0\ncontrast_power = 0.0\n"
     '[model]\nalbedo = "none"\n'  # and no brightness but that of the error model
 )
 MARGIN = 1.2

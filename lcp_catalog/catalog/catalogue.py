@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import AnyArray, Index
+from ..arrays import AnyArray, Array, Index
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError, package
 from ..geometry.bounds import Bounds
+from ..landmarks.error_model import ErrorModel
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .layout import (
     FIXED,
@@ -441,6 +442,12 @@ class Catalog(CatalogParts):
     def min_detection(self) -> float:
         """Least detection probability of a usable condition."""
         return float(self.errors["min_detection"])
+
+    def place_sigma_m(self, gsd_m: Array) -> Array:
+        """1 sigma (n,), for each axis, of the places on the ground of points with cells of (n,) metres: the part of
+        their error ellipses that is no match's.
+        """
+        return ErrorModel.from_dict(self.errors).place_sigma_m(gsd_m)
 
     @cached_property
     def universal(self) -> NDArray[np.bool_]:

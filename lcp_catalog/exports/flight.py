@@ -132,7 +132,7 @@ def write_flight(
         "albedo": catalog.albedo_map is not None, "min_detection": catalog.min_detection,
         "probability_step": DETECTION_STEP, "sigma_log_least": np.log(least),
         "sigma_log_step": np.log(largest / least) / (NONE - 1), "radius_m": MOON_RADIUS_M,
-        "position_sigma_m": float(errors.get("position_sigma_m") or np.nan),
+        "position_sigma_m": float(points.sigma_m[0].max()),
         "triangles": len(triangles), "albedo_sigma": float(errors.get("albedo_sigma", 0.0)),
         "slope_sigma": float(errors.get("height_sigma_m", 0.0)) / float(errors.get("height_length_m", 1.0)),
         "catalog_sha256": bytes.fromhex(content_sha256(catalog) if catalog.path else "00" * 32),

@@ -115,8 +115,8 @@ class ExportedPoints:
     @cached_property
     def sigma_m(self) -> tuple[Array, Array]:
         """1 sigma of the places, horizontal along each axis and vertical, each (n,); NaN: unknown."""
-        place = float(self.catalog.errors.get("position_sigma_m") or np.nan)
-        return np.full(len(self), place), np.asarray(self.part("elevation_sigma"))
+        place = self.catalog.place_sigma_m(self.gsd_m)
+        return np.where(place > 0.0, place, np.nan), np.asarray(self.part("elevation_sigma"))
 
     def blocks(self, name: str) -> Iterator[tuple[slice, AnyArray]]:
         """The values of a variable, a block of points at a time, with the block's place in ``rows``."""

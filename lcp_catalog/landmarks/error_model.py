@@ -16,6 +16,10 @@ towards the Sun; the unmapped brightness is the same at every Sun.
 
 A pixel is a mean over its square. For these fields the mean over a side h widens l^2 by h^2 / 6 (the
 second moment of the square's autocorrelation) and keeps the integral of C.
+
+A search meets all of this noise, and a match is moved by a part of it (`ErrorModel.moving`): much of the difference between a
+photograph and a render is no independent field but resembles the ground itself (detail that the DEM has smoothed away, the law of
+reflectance, the film's curve), which lowers correlations and displaces nothing.
 """
 
 from __future__ import annotations
@@ -32,6 +36,9 @@ import numpy as np
 from ..arrays import Array, Float32
 from ..errors import ConfigError
 
+TYPICAL_CONTRAST, CONTRASTS = 0.06, (0.03, 0.15)
+"""Local contrast of the Moon's albedo in maps of 2.7 km per pixel, and the range in which it was seen to count."""
+
 
 @dataclass(frozen=True)
 class ErrorModel:
@@ -45,7 +52,9 @@ class ErrorModel:
     common to an image. ``spread``: standard deviation of the logarithm of the noise between places;
     the noise of a place is that of the model times exp(spread x), x normal. ``shadow_shift``: 1 sigma,
     in cells, at grazing light, of the shift that shadows below a cell give all points of an image
-    along the Sun's azimuth (`matching.pose`).
+    along the Sun's azimuth (`matching.pose`). ``moving_share``, ``contrast_power``: the part of a
+    match's covariance in this noise that displaces matches (`moving`). ``position_sigma_cells``: least
+    error of a patch's place, in cells (`place_sigma_m`).
     """
 
     sensor_noise: float = 0.02
@@ -56,6 +65,9 @@ class ErrorModel:
     position_sigma_m: float = 0.0
     spread: float = 0.0
     shadow_shift: float = 0.0
+    moving_share: float = 1.0
+    contrast_power: float = 0.0
+    position_sigma_cells: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
@@ -64,6 +76,21 @@ class ErrorModel:
         for name in ("height_length_m", "albedo_length_m"):
             if getattr(self, name) <= 0.0:
                 raise ConfigError(f"`errors.{name}` must be above 0")
+
+    def moving(self, contrast: Array) -> Array:
+        """Share (n,) of the covariance of a match in this noise by which matches are displaced:
+        moving_share (m / `TYPICAL_CONTRAST`)^(2 contrast_power), with m the ``contrast`` (n,) of the albedo of a patch's
+        ground (standard deviation over mean), within `CONTRASTS`; NaN, without a map: typical.
+
+        Where a map shows strong contrasts, it lacks stronger ones, too.
+        """
+        known = np.where(np.isfinite(contrast), contrast, TYPICAL_CONTRAST)
+        relative = np.clip(known, *CONTRASTS) / TYPICAL_CONTRAST
+        return np.asarray(self.moving_share * relative ** (2.0 * self.contrast_power))
+
+    def place_sigma_m(self, cell_m: Array) -> Array:
+        """1 sigma (n,), for each axis, of the places of patches with cells of (n,) metres."""
+        return np.maximum(self.position_sigma_m, self.position_sigma_cells * np.asarray(cell_m))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ErrorModel:
@@ -74,6 +101,13 @@ class ErrorModel:
     def to_dict(self) -> dict[str, float]:
         """The fields by name."""
         return dataclasses.asdict(self)
+
+
+def local_contrast(albedo: Float32) -> Array:
+    """Standard deviation over mean (n,) of the albedo of patches (n, p, p); NaN where a node is missing."""
+    whole = np.asarray(albedo, np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(whole.std(axis=(1, 2)) / whole.mean(axis=(1, 2)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -355,9 +355,8 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         rotation, -1, -2
     )  # pixels per metre east, north, up
     level = on_ground[:, :, :2]
-    place = float(catalog.errors.get("position_sigma_m", 0.0)) ** 2 * (
-        level @ np.swapaxes(level, -1, -2)
-    )
+    stated = catalog.place_sigma_m(catalog.gsd[rows])[:, None, None]
+    place = stated**2 * (level @ np.swapaxes(level, -1, -2))
     match = level @ points.claims.covariance_m2[usable] @ np.swapaxes(level, -1, -2)
     searched = np.maximum(catalog.gsd[rows] / points.pixel_m[usable], 1.0)  # side, in pixels
     pixel = (query.pixel_sigma_px * searched)[:, None, None] ** 2 * np.eye(2)

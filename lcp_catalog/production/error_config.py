@@ -11,9 +11,9 @@ from ..fields import check_fields, meant
 if TYPE_CHECKING:
     from ..landmarks.error_model import ErrorModel
 
-PLACE_PER_LENGTH = 25.0 / 530.0
-"""1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15;
-with maps of Apollo 16 it is 80 of 1450 m."""
+PLACE_PER_LENGTH = 38.0 / 530.0
+"""1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15,
+together with `ErrorConfig.moving_share`; with maps of Apollo 16 it is 150 of 1420 m."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,23 @@ class ErrorConfig:
     position_sigma_m: float | None = meant(
         None,
         "1 sigma of a patch's place, each axis.",
-        default=f"{100.0 * PLACE_PER_LENGTH:.2g} % of `errors.height_length_m` (25 m for GLD100)",
+        default=f"{100.0 * PLACE_PER_LENGTH:.2g} % of `errors.height_length_m` (38 m for GLD100)",
+    )
+    position_sigma_cells: float = meant(
+        0.08, "The same at least, in cells: what a search adds that fits a peak between pixels."
     )
     spread: float = meant(0.25, "Standard deviation of the logarithm of all this between places.")
     shadow_shift: float = meant(
         0.11,
         "1 sigma, cells: shift of all points along a grazing Sun's azimuth by shadows below a cell; 0 from 35 deg on.",
+    )
+    moving_share: float = meant(
+        0.25,
+        "Part of the noise's covariance that displaces a match; 1 for simulated images whose height errors are independent.",
+    )
+    contrast_power: float = meant(
+        0.9,
+        "That part grows as the albedo's local contrast, to twice this power; 0 for such simulated images.",
     )
 
     def __post_init__(self) -> None:

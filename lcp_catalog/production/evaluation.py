@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +30,7 @@ from ..landmarks.detection import (
     settling_probability,
     top_probability,
 )
-from ..landmarks.error_model import ErrorModel, PatchErrors
+from ..landmarks.error_model import ErrorModel, PatchErrors, local_contrast
 from ..landmarks.localization import Registration, harris_response, light_of, registration
 from ..landmarks.patches import POINT_SPREAD_PX, halved, halved_changes, patches_of, through_optics
 from ..landmarks.uniqueness import RING, RIVALS, SearchImages, other_places, searched_exactly
@@ -203,6 +204,15 @@ class PatchLight:
     rows: Index
     cols: Index
     half: int
+
+    @cached_property
+    def contrast(self) -> Array:
+        """Local contrast of the candidates' albedo (n,); NaN without a map."""
+        bright = self.sweep.brightness
+        if bright is None:
+            return np.full(len(self.rows), np.nan)
+        some = np.zeros(len(self.rows), np.int64)
+        return local_contrast(patches_of(bright[None], some, self.rows, self.cols, self.half))
 
     @property
     def turn_deg(self) -> float:
@@ -477,8 +487,10 @@ class _Judge:
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
-        place = self.errors.models[0].position_sigma_m ** 2 * np.eye(2)
-        covariance = match.covariance_px2 + bias[:, :, None] * bias[:, None]
+        model = self.errors.models[0]
+        place = model.place_sigma_m(np.array(self.gsd_m)) ** 2 * np.eye(2)
+        moved = model.moving(self.light.contrast)[items.candidate, None, None]
+        covariance = moved * match.covariance_px2 + bias[:, :, None] * bias[:, None]
         # axes of the patch: east and south; angles are clockwise from north
         sigma, angle = error_ellipses(covariance * pixel_m**2 + place, first_axis_deg=90.0)
         major, minor = np.where(np.isnan(sigma), np.inf, sigma).T

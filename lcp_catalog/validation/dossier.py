@@ -186,15 +186,14 @@ def point_budget(catalog: Catalog, query: Query) -> list[tuple[str, str, str]]:
     """Rows of the error budget of a point: source; median and 95th percentile of its 1 sigma, metres,
     over the usable conditions of all points.
     """
-    place = float(catalog.errors.get("position_sigma_m", 0.0))
-    major = _sigmas(catalog)
+    major, place = _sigmas(catalog)
     match = np.sqrt(np.maximum(0.0, major**2 - place**2))
     heights = np.asarray(catalog.elevation_sigma, np.float64)
     if query.height_sigma_m is not None:
         heights = np.full(len(catalog), query.height_sigma_m)
     return [
         ("match, along the major axis of its ellipse", *_spread(match)),
-        ("place on the ground, each axis (errors.position_sigma_m)", *_spread(np.array([place]))),
+        ("place on the ground, each axis (errors.position_sigma_m)", *_spread(place)),
         ("both together, as the catalogue states them", *_spread(major)),
         ("height (elevation_sigma)", *_spread(heights[np.isfinite(heights)])),
         ("tie of the map, common to all points, each axis (stated)", *_map_tie(query)),
@@ -209,13 +208,17 @@ def _map_tie(query: Query) -> tuple[str, str]:
 
 
 def _sigmas(catalog: Catalog) -> Array:
-    """Major sigmas of the matches, metres, at the patch's scale in all usable conditions."""
+    """Major sigmas of the matches, metres, at the patch's scale in all usable conditions, and those of their points'
+    places: (2, n).
+    """
     found = []
     for rows in np.array_split(np.arange(len(catalog)), max(1, len(catalog) // 500)):
         works = usable(catalog.part("condition", rows))
-        found.append(np.asarray(catalog.part("sigma_major", rows, 0), np.float64)[works])
-    values = np.concatenate(found)
-    return values[np.isfinite(values)]
+        major = np.asarray(catalog.part("sigma_major", rows, 0), np.float64)
+        place = catalog.place_sigma_m(catalog.gsd[rows])[:, None, None, None]
+        found.append(np.stack([major, np.broadcast_to(place, major.shape)])[:, works])
+    values = np.concatenate(found, axis=1)
+    return np.asarray(values[:, np.isfinite(values[0])])
 
 
 def _spread(values: Array) -> tuple[str, str]:

@@ -18,6 +18,7 @@ change with the Sun, from unmapped brightness, which does not.
 from __future__ import annotations
 
 import itertools
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,10 +33,13 @@ from ..catalog.catalogue import Catalog
 from ..catalog.patch_terrain import nodes_mcmf, patch_terrain
 from ..errors import ImageError
 from ..images.image import Image
-from ..landmarks.error_model import ErrorModel, PatchErrors
+from ..landmarks.error_model import ErrorModel, PatchErrors, local_contrast
 from ..landmarks.localization import registration
+from ..landmarks.patches import through_optics
 from ..photometry.laws import SLOPE_STEP, Reflectance, planes_of, radiance_of_nodes, steeper
 from .orthoimage import orthorectify
+
+log = logging.getLogger(__name__)
 
 LAGS = 6
 """Largest lag, nodes, of the covariances that are fitted."""
@@ -59,7 +63,8 @@ class Residuals:
     """Residuals of n points found in one image: ``residual`` (n, p, p), relative to the patch's mean
     signal, 0 where the image has no valid pixel (``valid`` False); ``patches`` (n, p, p), the renders
     relative to their means; ``errors``, their sources of error; ``place_m`` (n, 2), the error of each
-    place, metres east and south, NaN for points that were not found; ``pixel_m``, the cells' side.
+    place, metres east and south, NaN for points that were not found; ``pixel_m``, the cells' side;
+    ``contrast`` (n,), local contrast of the albedo of the patches' ground, NaN without a map.
     """
 
     residual: Float32
@@ -68,6 +73,7 @@ class Residuals:
     errors: PatchErrors
     place_m: Array
     pixel_m: float
+    contrast: Array
 
     def __len__(self) -> int:
         return len(self.residual)
@@ -92,7 +98,7 @@ def residuals_of(
     if not samples:
         raise ImageError(f"{image.name}: no point was found whose patch lies in the image")
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
-    light, valid, render, east, south, place, gain = columns
+    light, valid, render, east, south, place, gain, contrast = columns
     clear = np.isfinite(gain)
     gain = np.where(clear, gain, np.median(gain[clear])) if clear.any() else np.ones_like(gain)
     mean = [np.where(valid, x, 0.0).sum((1, 2)) / valid.sum((1, 2)) for x in (light, render)]
@@ -105,6 +111,7 @@ def residuals_of(
         PatchErrors(*(a.astype(np.float32) for a in (render, east, south))),
         place,
         float(np.median(catalog.gsd[rows])),
+        contrast,
     )
 
 
@@ -112,7 +119,7 @@ def _sample(
     catalog: Catalog, image: Image, row: int, found_px: Array, model: Reflectance
 ) -> tuple[AnyArray, ...] | None:
     """Signal of the image, valid nodes, render and its sensitivities east and south, relative to its
-    mean (p, p) each, error of place (2,) and gain of one point; NaN for unknown ones.
+    mean (p, p) each, error of place (2,), gain and local contrast of one point; NaN for unknown ones.
     """
     terrain = patch_terrain(catalog, row)
     origin, sensor = terrain.frame.origin_mcmf_m, image.sensor
@@ -129,7 +136,9 @@ def _sample(
     for planes in steeper(normals):
         change = radiance_of_nodes(planes, sun, view, dark, hidden, model) - bands[0]
         bands.append(change / SLOPE_STEP)
+    contrast = np.array(np.nan)
     if catalog.albedo is not None:
+        contrast = local_contrast(catalog.albedo[row][None])[0]
         bands = [band * np.nan_to_num(catalog.albedo[row], nan=1.0) for band in bands]
     render, east, south = (np.nan_to_num(band).astype(np.float64) for band in bands)
     error = np.full(2, np.nan)
@@ -151,19 +160,22 @@ def _sample(
         return None
     clear = both > _OWN_GAIN * math.sqrt(power * bright)
     gain = both / power if clear else math.nan
-    return light, valid, render, east, south, error * [1.0, -1.0], np.array(gain)
+    return light, valid, render, east, south, error * [1.0, -1.0], np.array(gain), contrast
 
 
-def fit_errors(samples: Sequence[Residuals]) -> ErrorModel:
+def fit_errors(samples: Sequence[Residuals], stated: ErrorModel) -> ErrorModel:
     """The error model with the least misfit to residuals of several images. ImageError for fewer
     than `FEWEST` points.
+
+    Which part of the noise displaces matches, and the shift by shadows below a cell, are those of the model ``stated`` by
+    the catalogue; the error of place is fitted with them, and as a whole, so that it has no least value in cells.
     """
     samples = [sample for sample in samples if len(sample)]
     if sum(len(sample) for sample in samples) < FEWEST:
         count = sum(len(sample) for sample in samples)
         raise ImageError(f"{count} points were found in the images, {FEWEST} are needed for a fit")
     moments = [_Moments.of(sample) for sample in samples]
-    best = (math.inf, ErrorModel())
+    best = (math.inf, stated)
     cell = float(np.median([sample.pixel_m for sample in samples]))
     for height, albedo in itertools.product(HEIGHT_LENGTHS * cell, ALBEDO_LENGTHS * cell):
         design = np.concatenate([m.design(height, albedo) for m in moments])
@@ -171,10 +183,11 @@ def fit_errors(samples: Sequence[Residuals]) -> ErrorModel:
         variances, misfit = nnls(design, target)
         if misfit < best[0]:
             sigmas = np.sqrt(variances)
-            fitted = ErrorModel(
+            fitted = replace(
+                stated,
                 height_sigma_m=float(sigmas[0]), height_length_m=float(height),
                 albedo_sigma=float(sigmas[1]), albedo_length_m=float(albedo),
-                sensor_noise=float(sigmas[2]),
+                sensor_noise=float(sigmas[2]), position_sigma_cells=0.0,
             )  # fmt: skip
             best = (misfit, fitted)
     return _with_places(samples, _with_spread(samples, best[1]))
@@ -284,16 +297,12 @@ def _with_spread(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
 
 def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
     """The model with the error of place at which the median of the places' squared errors over their
-    covariances is that of chi-squared; 0 if it is below that without.
+    covariances is that of chi-squared; 0 if it is below that without. The covariances are those that a catalogue
+    claims: of patches through the optics, and of the part of the noise that displaces matches.
     """
     places = np.concatenate([sample.place_m for sample in samples])
     placed = np.isfinite(places).all(axis=1)
-    covariances = np.concatenate(
-        [
-            registration(s.patches, s.errors, model, s.pixel_m).covariance_px2 * s.pixel_m**2
-            for s in samples
-        ]
-    )
+    covariances = np.concatenate([_claimed_m2(sample, model) for sample in samples])
     places, covariances = places[placed], covariances[placed]
     if not len(places):
         return model
@@ -309,14 +318,25 @@ def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
     return replace(model, position_sigma_m=high if high > _LEAST_PLACE_M else 0.0)
 
 
+def _claimed_m2(sample: Residuals, model: ErrorModel) -> Array:
+    """Covariances (n, 2, 2) of the matches, m^2, as a catalogue claims them, without the error of place."""
+    shown = through_optics(sample.patches, 1)
+    match = registration(shown, replace(sample.errors, level=shown), model, sample.pixel_m)
+    moved = model.moving(sample.contrast)[:, None, None]
+    return np.asarray(moved * match.covariance_px2 * sample.pixel_m**2)
+
+
 DIGITS = 4
 """Significant digits of a value in the file; a fit is not more precise."""
 
 
 @dataclass(frozen=True)
 class FittedErrors:
-    """An error model, the number of points that it was fitted to, and the names of their images."""
+    """An error model, the number of points that it was fitted to, and the names of their images, all of one kind
+    (`Sensor.kind`).
+    """
 
+    kind: str
     model: ErrorModel
     points: int
     images: tuple[str, ...]
@@ -324,8 +344,33 @@ class FittedErrors:
     def to_toml(self) -> str:
         """The section ``[errors]`` of a BUILD.toml; equal models give equal text."""
         values = {name: float(f"{v:.{DIGITS}g}") for name, v in self.model.to_dict().items()}
-        source = f"{self.points} points searched for in {', '.join(_plain(name) for name in self.images)}"
+        names = ", ".join(_plain(name) for name in self.images)
+        source = f"{self.points} points searched for in {names} ({self.kind})"
         return f"# fitted to {source}\n" + tomli_w.dumps({"errors": values})
+
+
+def fitted_by_kind(
+    samples: Sequence[tuple[str, str, Residuals]], stated: ErrorModel
+) -> tuple[FittedErrors, ...]:
+    """A model for each kind of images, by the number of points; ``samples``: kinds, names and residuals of images.
+    A map, a scanner and a camera differ from renders in other ways. ImageError if no kind has `FEWEST` points.
+    """
+    kinds = dict.fromkeys(kind for kind, _, _ in samples)
+    found = []
+    for kind in kinds or [""]:
+        own = [(name, sample) for its, name, sample in samples if its == kind]
+        points = sum(len(sample) for _, sample in own)
+        if points < FEWEST and len(kinds) > 1:
+            log.warning("%s: %d points are too few for a fit", kind, points)
+            continue
+        model = fit_errors([sample for _, sample in own], stated)
+        found.append(FittedErrors(kind, model, points, tuple(name for name, _ in own)))
+    if not found:
+        total = sum(len(sample) for _, _, sample in samples)
+        raise ImageError(
+            f"{total} points of {len(kinds)} kinds of images are too few for a fit: {FEWEST} of a kind are needed"
+        )
+    return tuple(sorted(found, key=lambda one: -one.points))
 
 
 def _plain(name: str) -> str:

@@ -16,6 +16,7 @@ from ..arrays import Mask
 from ..atomic_files import csv_lines, depfile_rule, write_bytes, write_folder
 from ..geometry.ellipses import error_ellipses
 from ..matching.matches import REASONS
+from .error_fit import FittedErrors
 from .report import render
 from .result import (
     DIGITS,
@@ -35,7 +36,7 @@ def write_validation(
     errors_file: Path | None = None,
 ) -> None:
     """Write `FILES` into a folder, which is created if missing. ``depfile``: also the list of input
-    files, as a rule for make. ``errors_file``: also the fitted error model.
+    files, as a rule for make. ``errors_file``: also the fitted error models (`errors_files`).
     """
     images = result.verdict.images
     texts = (
@@ -45,12 +46,23 @@ def write_validation(
         csv_text(images),
     )
     files = dict(zip(FILES, texts, strict=True))
-    if errors_file and result.fitted:
-        files[os.path.abspath(errors_file)] = result.fitted.to_toml()  # elsewhere: `folder / name`
+    if errors_file:
+        for path, fitted in errors_files(errors_file, result.fitted):
+            files[os.path.abspath(path)] = fitted.to_toml()  # elsewhere: `folder / name`
     write_folder(folder, files, overwrite)
     if depfile:
         rule = depfile_rule(folder / FILES[0], result.sources)
         write_bytes(depfile, rule, overwrite=True)
+
+
+def errors_files(path: Path, fitted: Sequence[FittedErrors]) -> list[tuple[Path, FittedErrors]]:
+    """Files of fitted error models: the first has the given name, one of another kind of images has its kind at the end
+    (``errors-line-scanner.toml``).
+    """
+    kinds = [f"-{one.kind.replace(' ', '-')}" if k else "" for k, one in enumerate(fitted)]
+    return [
+        (path.with_stem(path.stem + kind), one) for kind, one in zip(kinds, fitted, strict=True)
+    ]
 
 
 POINT_COLUMNS = (

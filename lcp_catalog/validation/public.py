@@ -103,7 +103,7 @@ def validate(
     faint:
         True: accept weak matches and rely on their mutual agreement.
     fit_errors:
-        True: also fit the error model to the points searched for (`Result.fitted`).
+        True: also fit an error model to the points searched for in each kind of images (`Result.fitted`).
     overwrite:
         True: replace existing files of the folder.
     progress:

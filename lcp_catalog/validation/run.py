@@ -30,6 +30,7 @@ from ..errors import (
 from ..geometry.frames import Direction, EnuFrame, lonlat_to_mcmf
 from ..images.image import Image
 from ..images.image_file import ImageOptions, decoded, open_image, refuse_heights
+from ..landmarks.error_model import ErrorModel
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
@@ -58,7 +59,7 @@ from .advice import (
     turned_or_unlit,
 )
 from .claims import Claims, ClaimSearch
-from .error_fit import FittedErrors, Residuals, fit_errors, residuals_of
+from .error_fit import FittedErrors, Residuals, fitted_by_kind, residuals_of
 from .ground_comparison import (
     GroundComparison,
     RenderSettings,
@@ -179,14 +180,14 @@ class Validation:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """Result, images for the report, the files that were read, and the fitted error model; None
-    unless it was asked for.
+    """Result, images for the report, the files that were read, and the fitted error models, one for each kind of images,
+    that of the most points first; none unless they were asked for.
     """
 
     verdict: ValidationResult
     pictures: tuple[Pictures, ...]
     sources: tuple[Path, ...]
-    fitted: FittedErrors | None = None
+    fitted: tuple[FittedErrors, ...] = ()
 
     @property
     def located(self) -> bool:
@@ -228,7 +229,7 @@ def run_validation(request: Validation, progress: Progress | None = None) -> Res
     verdict = ValidationResult(tuple(one.image for one in done_with), facts, request.described())
     sources = [request.catalog_path, *(path for one in done_with for path in one.sources)]
     sources += request.environment.files if request.environment else ()
-    fitted = _fitted(done_with) if request.fit_errors else None
+    fitted = _fitted(done_with, catalog) if request.fit_errors else ()
     pictures = tuple(one.pictures for one in done_with)
     return Result(verdict, pictures, tuple(dict.fromkeys(sources)), fitted)
 
@@ -427,11 +428,14 @@ def _residuals(
         return None
 
 
-def _fitted(images: Sequence[_Done]) -> FittedErrors:
-    """The error model of all images together; ImageError for too few points."""
-    used = {one.image.facts.name: one.residuals for one in images if one.residuals is not None}
-    model = fit_errors(list(used.values()))
-    return FittedErrors(model, sum(len(sample) for sample in used.values()), tuple(used))
+def _fitted(images: Sequence[_Done], catalog: Catalog) -> tuple[FittedErrors, ...]:
+    """The error models of the kinds of images; ImageError for too few points."""
+    used = [
+        (one.image.facts.sensor, one.image.facts.name, one.residuals)
+        for one in images
+        if one.residuals is not None
+    ]
+    return fitted_by_kind(used, ErrorModel.from_dict(catalog.errors))
 
 
 def _windows(catalog: Catalog, ground: GroundComparison) -> WindowFigures:

@@ -22,6 +22,7 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image_file import open_image
+from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.matching.position_fix import SEARCHED, locate
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production.config import BuildConfig
@@ -375,7 +376,7 @@ def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys) -> None:
     first, section = errors.read_text().split("\n", 1)
     fitted = int(first.removeprefix("# fitted to ").split()[0])
     assert fitted >= found >= 20
-    assert first.endswith("points searched for in frame.png")
+    assert first.endswith("points searched for in frame.png (framing camera)")
     assert section.startswith("[errors]\n")
     model = BuildConfig.from_toml(errors).errors
     catalog = open_catalog(place / "points.h5")
@@ -385,7 +386,8 @@ def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys) -> None:
     sight, matches = image.with_sensor(fix.pose.sensor), fix.matches
     kept = [k for k, code in enumerate(matches.code) if code in SEARCHED]
     pixels = [matches.found_px[k] if matches.found[k] else (np.nan, np.nan) for k in kept]
-    wanted = fit_errors([residuals_of(catalog, sight, matches.point[kept], np.array(pixels), law)])
+    sample = residuals_of(catalog, sight, matches.point[kept], np.array(pixels), law)
+    wanted = fit_errors([sample], ErrorModel.from_dict(catalog.errors))
     for name, value in wanted.to_dict().items():
         assert getattr(model, name) == pytest.approx(value, rel=1e-3, abs=1e-12), name
     assert model.position_sigma_m < 30.0  # a pixel is 240 m

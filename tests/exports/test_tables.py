@@ -127,8 +127,13 @@ def test_ground_control_as_asp_reads_it(catalog, frame: str, tmp_path: Path) -> 
     np.testing.assert_array_equal(sigmas[2], expected)
 
 
-def test_the_place_error_of_the_claims_is_the_horizontal_sigma(tmp_path: Path) -> None:
-    stated = catalogs.ERRORS | {"position_sigma_m": 25.0}
+@pytest.mark.parametrize(
+    "place", [{"position_sigma_m": 25.0}, {"position_sigma_cells": 25.0 / catalogs.GSD_M}]
+)
+def test_the_place_error_of_the_claims_is_the_horizontal_sigma(
+    place: dict[str, float], tmp_path: Path
+) -> None:
+    stated = catalogs.ERRORS | place
     write_gcp(points_of(catalogs.catalog(4, errors=stated)), tmp_path / "p.gcp")
     text = (tmp_path / "p.gcp").read_text().splitlines()
     rows = [line.split() for line in text if not line.startswith("#")]

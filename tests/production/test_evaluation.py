@@ -177,12 +177,55 @@ def test_the_error_of_place_adds_to_both_axes():
     sweep = swept(ground(3))
     one, other = (
         evaluate(sweep, rows, cols, CONFIG, dataclasses.replace(ERRORS, position_sigma_m=s))
-        for s in (0.0, 7.0)
+        for s in (3.0, 7.0)
     )
     for name in ("sigma_major_m", "sigma_minor_m"):
-        expected = np.hypot(getattr(one, name), 7.0)
+        expected = np.hypot(getattr(one, name), math.sqrt(7.0**2 - 3.0**2))
         np.testing.assert_allclose(getattr(other, name), expected, rtol=1e-5)
     np.testing.assert_array_equal(one.detection, other.detection)
+
+
+def test_the_error_of_place_is_no_smaller_than_its_share_of_a_cell():
+    """At every scale of the image: it is the ground's cell that counts."""
+    rows, cols = np.array([36]), np.array([36])
+    sweep = swept(ground(3))
+    least = dataclasses.replace(ERRORS, position_sigma_m=3.0, position_sigma_cells=0.7)
+    wide = dataclasses.replace(ERRORS, position_sigma_m=0.7 * CELL_M)
+    one, other = (evaluate(sweep, rows, cols, CONFIG, model) for model in (least, wide))
+    np.testing.assert_array_equal(one.sigma_major_m, other.sigma_major_m)
+
+
+@pytest.mark.parametrize("contrast", [None, 0.02, 0.1, 0.4])
+def test_a_match_is_displaced_by_a_part_of_the_noise(contrast):
+    """The part of the covariance by noise is that of all noise times the share, by hand from the contrast of the
+    brightness that a map gives the patch's nodes; what is found does not know of it.
+    """
+    rows, cols = np.array([36]), np.array([36])
+    sweep, part, power = swept(ground(3)), 0.25, 0.9
+    if contrast is not None:
+        side = sweep.planes.shape[1]
+        bright = np.where(np.indices((side, side)).sum(axis=0) % 2, 1.0 + contrast, 1.0 - contrast)
+        sweep = dataclasses.replace(sweep, brightness=bright.astype(np.float32))
+    models = [
+        ERRORS,
+        *(dataclasses.replace(ERRORS, moving_share=s, contrast_power=power) for s in (0.0, part)),
+    ]
+    whole, none, some = (evaluate(sweep, rows, cols, CONFIG, model) for model in models)
+    np.testing.assert_array_equal(whole.detection, some.detection)
+    every, rest, moved = (
+        np.square(one.sigma_major_m) + np.square(one.sigma_minor_m) for one in (whole, none, some)
+    )
+    # a checkerboard of 17 x 17 nodes has one more of one colour
+    expected = part
+    if contrast is not None:
+        light, dark = 1.0 + contrast, 1.0 - contrast
+        values = np.array([light] * 144 + [dark] * 145)
+        expected = part * (np.clip(values.std() / values.mean(), 0.03, 0.15) / 0.06) ** (
+            2.0 * power
+        )
+    known = np.isfinite(every)
+    assert known.any()
+    np.testing.assert_allclose((moved - rest)[known], expected * (every - rest)[known], rtol=1e-2)
 
 
 def test_flat_and_dark_patches_are_found_nowhere():

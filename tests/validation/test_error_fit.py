@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +13,16 @@ import pytest
 from lcp_catalog.errors import ImageError
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import registration
-from lcp_catalog.validation.error_fit import FEWEST, Residuals, _with_places, fit_errors
+from lcp_catalog.landmarks.patches import through_optics
+from lcp_catalog.validation.error_fit import (
+    FEWEST,
+    FittedErrors,
+    Residuals,
+    _with_places,
+    fit_errors,
+    fitted_by_kind,
+)
+from lcp_catalog.validation.output import errors_files
 
 PIXEL_M = 100.0
 NODES = 25
@@ -28,6 +39,10 @@ TRUE = ErrorModel(
     albedo_sigma=0.1,
     albedo_length_m=600.0,
 )
+STATED = replace(
+    TRUE, shadow_shift=0.11, moving_share=0.4, contrast_power=0.9, position_sigma_cells=0.3
+)
+"""A catalogue's model, whose part that displaces matches a fit uses."""
 EAST, NORTH_EAST = (4.0, 0.0), (-2.0, 2.5)
 """Relative sensitivities to slopes east and south under two Suns."""
 
@@ -72,6 +87,7 @@ def residuals(
         errors,
         np.zeros((count, 2)),
         PIXEL_M,
+        dice.uniform(0.02, 0.2, count),
     )
 
 
@@ -80,7 +96,7 @@ def test_known_errors_come_back_from_two_suns() -> None:
     the white noise; the limits are shares of the whole variance of the residuals.
     """
     samples = [residuals(1, EAST), residuals(2, NORTH_EAST)]
-    found = fit_errors(samples)
+    found = fit_errors(samples, STATED)
     assert found.height_length_m == pytest.approx(TRUE.height_length_m, rel=0.2)
     assert found.albedo_length_m == pytest.approx(TRUE.albedo_length_m, rel=0.5)
     whole = float(np.mean([np.square(s.residual).mean() for s in samples]))
@@ -111,7 +127,7 @@ def parts(model: ErrorModel, samples: list[Residuals]) -> tuple[float, float, fl
 def test_a_single_source_is_told_from_the_others(name: str, model: ErrorModel) -> None:
     """Shares of the residual variance: at least four fifths go to the source that is there."""
     samples = [residuals(3, EAST, model), residuals(4, NORTH_EAST, model)]
-    found = fit_errors(samples)
+    found = fit_errors(samples, STATED)
     assert getattr(found, name) == pytest.approx(getattr(model, name), rel=0.25)
     names = ("sensor_noise", "height_sigma_m", "albedo_sigma")
     shares = dict(zip(names, parts(found, samples), strict=True))
@@ -125,28 +141,56 @@ def test_an_error_of_places_is_found() -> None:
             displaced(residuals(5, EAST), place_m),
             displaced(residuals(6, NORTH_EAST), place_m),
         ]
-        found = fit_errors(samples).position_sigma_m
-        assert found == pytest.approx(place_m, rel=0.2, abs=12.0)
+        found = fit_errors(samples, STATED)
+        assert found.position_sigma_m == pytest.approx(place_m, rel=0.2, abs=12.0)
+        stated = found.shadow_shift, found.moving_share, found.contrast_power
+        assert stated == (0.11, 0.4, 0.9)  # the catalogue's: a fit leaves them alone
+        assert found.position_sigma_cells == 0.0  # the error of place is fitted as a whole
 
 
 def test_the_spread_of_the_noise_is_not_an_error_of_places() -> None:
     """It is part of the matches' covariances, once."""
-    wide = replace(TRUE, spread=0.7)
+    wide = replace(STATED, spread=0.7)
     samples = [displaced(residuals(s, EAST), 40.0, wide) for s in range(8, 12)]
     assert _with_places(samples, wide).position_sigma_m == pytest.approx(40.0, rel=0.15)
 
 
-def displaced(sample: Residuals, place_m: float, model: ErrorModel = TRUE) -> Residuals:
-    """Residuals with places as the matches' covariances and another error scatter them."""
+def displaced(sample: Residuals, place_m: float, model: ErrorModel = STATED) -> Residuals:
+    """Residuals with places as the matches' covariances and another error scatter them: those of patches through the
+    optics, and of the part of the noise that displaces a match.
+    """
     dice = np.random.default_rng(7)
-    match = registration(sample.patches, sample.errors, model, PIXEL_M)
-    covariance = match.covariance_px2 * PIXEL_M**2 + place_m**2 * np.eye(2)
+    seen = through_optics(sample.patches, 1)
+    match = registration(seen, replace(sample.errors, level=seen), model, PIXEL_M)
+    contrast = np.minimum(np.maximum(sample.contrast, 0.03), 0.15) / 0.06
+    moved = model.moving_share * contrast ** (2.0 * model.contrast_power) * PIXEL_M**2
+    covariance = moved[:, None, None] * match.covariance_px2 + place_m**2 * np.eye(2)
     errors = np.linalg.cholesky(covariance) @ dice.normal(size=(len(sample), 2, 1))
     return replace(sample, place_m=errors[..., 0])
 
 
 def test_too_few_points_are_refused() -> None:
     with pytest.raises(ImageError, match=f"^{FEWEST - 1} points were found"):
-        fit_errors([residuals(1, EAST, count=FEWEST - 1)])
+        fit_errors([residuals(1, EAST, count=FEWEST - 1)], STATED)
     with pytest.raises(ImageError, match=r"^0 points were found"):
-        fit_errors([])
+        fit_errors([], STATED)
+
+
+def test_each_kind_of_images_has_its_own_model(tmp_path: Path) -> None:
+    """The one with the most points first, under the given name; a kind with few points has none."""
+    maps, frames = residuals(1, EAST, count=40), residuals(2, NORTH_EAST, count=60)
+    few = residuals(3, EAST, count=FEWEST - 1)
+    samples = [
+        ("line scanner", "s", few),
+        ("map-projected image", "m", maps),
+        ("framing camera", "f", frames),
+    ]
+    first, second = fitted_by_kind(samples, STATED)
+    assert first == FittedErrors("framing camera", fit_errors([frames], STATED), 60, ("f",))
+    assert second == FittedErrors("map-projected image", fit_errors([maps], STATED), 40, ("m",))
+    files = errors_files(tmp_path / "e.toml", (first, second))
+    assert [path.name for path, _ in files] == ["e.toml", "e-map-projected-image.toml"]
+    written = tomllib.loads(second.to_toml())["errors"]
+    assert written == pytest.approx(second.model.to_dict(), rel=1e-3)
+    with pytest.raises(ImageError, match=r"^18 points of 2 kinds of images are too few for a fit"):
+        fitted_by_kind([("line scanner", "s", few), ("framing camera", "t", few)], STATED)
