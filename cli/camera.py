@@ -13,7 +13,7 @@ from .groups import Decorator, option_group
 from .messages import EXIT_NO, echo, say
 from .options import check_outputs, dems_option, output_option, overwrite_option
 from .sun import range_of
-from .value_types import POSITIVE, Instant, KeyNumbers, Step
+from .value_types import POSITIVE, Instant, KeyNumbers, Number, Step
 
 
 @click.group()
@@ -191,6 +191,78 @@ def from_spice(
         assert time is not None
         document = orbiter.at(time).to_json()
     write_bytes(output, f"{json.dumps(document, allow_nan=False)}\n".encode(), overwrite)
+    say(f"{output}: written")
+
+
+@command.command(
+    cls=FileCommand,
+    rule=True,
+    example="lcp camera from-ccsds --oem orbit.oem --aem attitude.aem --camera CAMERA.json --range 2026-03-01 2026-03-01T00:10 1m "
+    "--kernels moon.tm -o TRAJECTORY.json",
+)
+@click.option(
+    "--oem", required=True, type=InputFile(), metavar="FILE", help="Orbit: CCSDS OEM, text (KVN)."
+)
+@click.option(
+    "--aem", required=True, type=InputFile(), metavar="FILE", help="Attitude: CCSDS AEM, text."
+)
+@click.option(
+    "--camera",
+    required=True,
+    type=InputFile(),
+    metavar="CAMERA.json",
+    help="The camera: lens and image size; its place is not used.",
+)
+@click.option("--time", type=Instant(), metavar="UTC", help="One camera, at an instant.")
+@click.option(
+    "--range",
+    "span",
+    type=click.Tuple([Instant(), Instant(), Step()]),
+    metavar="START STOP STEP",
+    help="A trajectory, a camera each STEP (30s, 1m, PT1M).",
+)
+@click.option(
+    "--kernels",
+    multiple=True,
+    type=InputFile(_kernels),
+    metavar="META.tm...",
+    help="SPICE kernels with the Moon's orientation (PCK, FK), for messages in an inertial frame.",
+)
+@click.option(
+    "--mounting",
+    type=click.Tuple([Number(-1, 1)] * 4),
+    default=(1.0, 0.0, 0.0, 0.0),
+    show_default=True,
+    metavar="W X Y Z",
+    help="Quaternion from the axes of the AEM's body to those of the camera (right, down, ahead).",
+)
+@output_option("CAMERA.json")
+@overwrite_option
+def from_ccsds(
+    oem: str,
+    aem: str,
+    camera: str,
+    time: str | None,
+    span: tuple[str, str, float] | None,
+    kernels: tuple[str, ...],
+    mounting: tuple[float, ...],
+    output: str,
+    overwrite: bool,
+) -> None:
+    """Make a camera file, or with --range a trajectory, from a CCSDS orbit and attitude."""
+    if (time is None) == (span is None):
+        raise click.UsageError("give --time UTC or --range START STOP STEP")
+    check_outputs(overwrite, output)
+
+    from lcp_catalog.atomic_files import write_bytes
+    from lcp_catalog.cameras.ccsds import cameras_from_ccsds
+
+    times = time if span is None else range_of(span)
+    assert times is not None
+    found = cameras_from_ccsds(oem, aem, camera, times, kernels, mounting)
+    every = [one.to_json() for one in found]
+    text = json.dumps(every[0] if span is None else every, allow_nan=False)
+    write_bytes(output, f"{text}\n".encode(), overwrite)
     say(f"{output}: written")
 
 

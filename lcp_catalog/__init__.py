@@ -13,6 +13,7 @@ from ._version import __version__ as __version__
 if TYPE_CHECKING:
     from .cameras.camera_file import read_camera as read_camera
     from .cameras.camera_file import read_sensor as read_sensor
+    from .cameras.ccsds import cameras_from_ccsds as cameras_from_ccsds
     from .cameras.frame_camera import Camera as Camera
     from .cameras.sensor import Uncertainty as Uncertainty
     from .cameras.spice import SpiceCamera as SpiceCamera
@@ -72,6 +73,7 @@ _MODULES = {
     "Uncertainty": "cameras.sensor",
     "build_catalog": "production.run",
     "camera_info": "navigation.camera_info",
+    "cameras_from_ccsds": "cameras.ccsds",
     "choose_points": "matching.point_choice",
     "dem_info": "dem.public",
     "dem_set": "dem.public",

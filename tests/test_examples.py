@@ -17,10 +17,12 @@ from typing import Any
 
 import pytest
 from helpers import notebooks
+from helpers.ccsds_files import aem, oem
 from helpers.spice_kernels import mission
 
 import lcp_catalog as lcp
 from lcp_catalog._package_files import write_sample
+from lcp_catalog.cameras.spice import loaded
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = [name for name in lcp.__all__ if name != "__version__"]
@@ -31,7 +33,9 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The names that the examples see."""
     folder = tmp_path_factory.mktemp("examples")
     write_sample(folder, overwrite=True)
-    mission(folder)  # META.tm
+    with loaded(mission(folder)):  # META.tm
+        oem(folder / "orbit.oem", "MOON_ME")
+        aem(folder / "attitude.aem", "MY_CAMERA", "MOON_ME")
     config = lcp.BuildConfig.from_dict(
         {
             "sun": {"elevations_deg": [10.0, 15.0, 20.0], "azimuths_deg": [90.0, 105.0]},

@@ -192,6 +192,26 @@ class SpiceCamera:
         return found
 
 
+def _moon_frame(spice: Any, asked: str | None) -> str:
+    """Name of the Moon's frame in the loaded kernels."""
+    names = MEAN_EARTH if asked is None else (asked,)
+    for name in names:
+        if spice.namfrm(name):
+            return name
+    raise CameraError(
+        f"the kernels lack the Moon's frame {names[0]}: load NAIF's moon_de440_250416.tf and moon_pa_de440_200625.bpc"
+        " (or choose another as `body_frame`: IAU_MOON of pck00010.tpc differs by up to 155 m)"
+    )
+
+
+def moon_rotations(kernels: Path | str | Sequence[Path | str], times: Array) -> Array:
+    """Rotations (n, 3, 3) from J2000 to the mean-Earth frame of kernels at ephemeris times (n,)."""
+    with loaded(kernels) as spice:
+        name = _moon_frame(spice, None)
+        with _explained(spice, f"the kernels have no orientation of {name}: load the Moon's PCK"):
+            return np.array([spice.pxform("J2000", name, et) for et in times])
+
+
 class OpenInstrument:
     """The instrument of loaded kernels."""
 
@@ -200,7 +220,7 @@ class OpenInstrument:
         self.observer = self._number_of("observer", asked.observer)
         self.code = self._number_of("instrument", asked.instrument)
         self.frame = self._frame()
-        self.body = self._body_frame()
+        self.body = _moon_frame(spice, asked.body_frame)
 
     def _number_of(self, field_name: str, name: str) -> int:
         """NAIF number of a name."""
@@ -226,16 +246,6 @@ class OpenInstrument:
             lacks = f"frame {frame}" if frame else f"frame of {self.asked.instrument} ({self.code})"
             raise CameraError(f"the kernels lack the {lacks}: load the spacecraft's FK")
         return frame
-
-    def _body_frame(self) -> str:
-        names = MEAN_EARTH if self.asked.body_frame is None else (self.asked.body_frame,)
-        for name in names:
-            if self.spice.namfrm(name):
-                return name
-        raise CameraError(
-            f"the kernels lack the Moon's frame {names[0]}: load NAIF's moon_de440_250416.tf and moon_pa_de440_200625.bpc"
-            " (or choose another as `body_frame`: IAU_MOON of pck00010.tpc differs by up to 155 m)"
-        )
 
     def time(self, label: str) -> float:
         """Ephemeris time of UTC."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime as dt
-import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -29,6 +28,7 @@ _STEP = re.compile(r"(\d+(?:\.\d+)?) *(s|m|min|h|d)")
 _ISO_STEP = re.compile(
     r"P(?:(\d+(?:\.\d+)?)D)?(?:T(?:(\d+(?:\.\d+)?)H)?(?:(\d+(?:\.\d+)?)M)?(?:(\d+(?:\.\d+)?)S)?)?"
 )
+_AHEAD_OF_TAI_S = {"TAI": 0.0, "TT": 32.184, "TDB": 32.184}
 _SECONDS = {"s": 1.0, "m": 60.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
@@ -102,13 +102,29 @@ def utc_of_ephemeris_time(seconds: float) -> str:
 
 
 def ephemeris_time(time_utc: Time) -> float:
-    """SPICE ephemeris time of an instant: seconds of barycentric dynamical time since J2000, by SPICE's own
-    formula. For UTC before 1972 see `utc_of_ephemeris_time`.
+    """SPICE ephemeris time of an instant: `ephemeris_times`."""
+    return float(ephemeris_times(time_utc)[0])
+
+
+def ephemeris_times(times: Times, system: str = "UTC") -> Array:
+    """SPICE ephemeris times (n,): seconds of barycentric dynamical time (TDB) since J2000, by SPICE's own formula.
+
+    ``system``: that of the times; UTC, TAI, TT or TDB. SunError for another. For UTC before 1972 see
+    `utc_of_ephemeris_time`.
     """
-    jd1, jd2 = instants(time_utc).terrestrial()
-    terrestrial = float(((jd1 - 2451545.0) + jd2)[0]) * 86400.0
+    given = instants(times)
+    if system == "UTC":
+        jd1, jd2 = given.terrestrial()
+        terrestrial: Array = np.asarray(((jd1 - 2451545.0) + jd2) * 86400.0)
+    elif system in _AHEAD_OF_TAI_S:
+        since = (given.civil - np.datetime64("2000-01-01T12:00:00", "us")).astype(np.int64)
+        terrestrial = np.asarray(1e-6 * since + 32.184 - _AHEAD_OF_TAI_S[system])
+    else:
+        raise SunError(f"the time system {system or 'is missing'}: UTC, TAI, TT and TDB are known")
+    if system == "TDB":
+        return np.asarray(terrestrial)
     anomaly = 6.239996 + 1.99096871e-7 * terrestrial
-    return terrestrial + 1.657e-3 * math.sin(anomaly + 1.671e-2 * math.sin(anomaly))
+    return np.asarray(terrestrial + 1.657e-3 * np.sin(anomaly + 1.671e-2 * np.sin(anomaly)))
 
 
 @runtime_checkable

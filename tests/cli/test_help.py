@@ -91,6 +91,10 @@ REQUIRED = {
     "sun": ["--center", "0", "0", "--time", "2026-03-01", "--dem", "none.tif"],
     "windows": ["--center", "0", "0", "--range", "2026-03-01", "2026-03-02", "6h"],
     "query": ["--camera", "none.json"],
+    "camera from-ccsds": [
+        *("--oem", "none.oem", "--aem", "none.aem", "--camera", "none.json"),
+        *("--time", "2026-03-01"),
+    ],
     "camera from-spice": [
         *("--kernels", "none.tm", "--observer", "X", "--instrument", "Y", "--time", "2026-03-01"),
     ],
