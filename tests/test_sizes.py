@@ -34,25 +34,25 @@ BUDGETS = {
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
     # 72 STAC items, 10 imports where they are used
-    # 314 cameras from SPICE kernels, 291 kernels and ISDs of cameras
+    # 314 cameras from SPICE kernels, 291 kernels and ISDs of cameras, 184 CCSDS
     # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
     # 68 plain windows, GeoParquet; 4 faster CSV
     # 78 ellipses by a part of the noise, an error model for each kind of images
-    "code lines, lcp_catalog": 43582,
+    "code lines, lcp_catalog": 43766,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
-    # 166 cameras from SPICE kernels, and back
-    "code lines, cli": 3960,
+    # 236 cameras from SPICE kernels and CCSDS messages, and back
+    "code lines, cli": 4030,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
     # 204 what is proved of the flight file's reference
     # 140 approximations
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
-    # 360 cameras from SPICE kernels, 188 kernels and ISDs of cameras
+    # 360 cameras from SPICE kernels, 188 kernels and ISDs of cameras, 103 CCSDS
     # 230 plain windows beside the paper's
     # 209 ellipses by a part of the noise
     # 270 ellipses by a part of the noise
-    "words of docs": 51450,
+    "words of docs": 51536,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
