@@ -48,11 +48,11 @@ BUDGETS = {
     # 204 what is proved of the flight file's reference
     # 140 approximations
     # 30 STAC items, 10 calls that fail, 170 sigma apart from detection
-    # 360 cameras from SPICE kernels, 188 kernels and ISDs of cameras, 103 CCSDS
+    # 360 cameras from SPICE kernels, 188 kernels and ISDs of cameras, 103 CCSDS, 515 NAC DTMs
     # 230 plain windows beside the paper's
     # 209 ellipses by a part of the noise
     # 346 ellipses by a part of the noise, sharpness tried
-    "words of docs": 51612,
+    "words of docs": 52132,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
