@@ -26,6 +26,7 @@ catalog: $(READY) ## sample catalogue, its report, validation and two renders, i
 	@$(MAKE) --no-print-directory --always-make -C sample_data LCP=$(abspath $(BIN))/lcp OUT=../build
 
 test: $(READY) ## the fast tests
+	$(BIN)/lcp warm-up
 	$(BIN)/python -m pytest -m 'not slow' -n auto --maxprocesses 4 --dist loadfile
 
 check: $(READY) ## lint, format, types
@@ -41,9 +42,10 @@ docs: $(READY) ## the documentation as a site, build/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "docs       build/site/index.html (its search needs a server: $(BIN)/python -m http.server -d build/site)"
 
-wheel: $(READY) ## source distribution and wheel in build/dist
+wheel: $(READY) ## source distribution, wheel, and wheel with compiled kernels for this platform, in build/dist
 	$(INSTALL) build
 	$(BIN)/python -m build --outdir build/dist
+	$(BIN)/python packaging/pack_wheel.py build/dist/lcp_catalog-*-py3-none-any.whl
 
 evidence: $(READY) ## photographs and simulated frames: what is claimed against what happens (LCP_SHARED_DATA: their folder)
 	$(BIN)/python -m benchmarks.evidence all

@@ -19,6 +19,7 @@ from .groups import collected
 from .messages import echo, log_format_option, say
 from .options import check_outputs, dem_argument, depfile_option, output_option, overwrite_option
 from .value_types import POSITIVE, Number
+from .warm_up import compile_missing
 
 if TYPE_CHECKING:
     from lcp_catalog.production.camera_views import Seen
@@ -311,8 +312,10 @@ def _computing(run: Run) -> Iterator[Callable[[int, int], None]]:
 
     from .progress import progress
 
-    if run.workers > 1 and not run.scheduler:
-        start_early()
+    if not run.scheduler:
+        if run.workers > 1:
+            start_early()
+        compile_missing("build-catalog")
     try:
         with progress("areas") as update:
             yield update
@@ -383,6 +386,7 @@ def _print_parts(build: Build, output: str, as_json: bool) -> None:
 def _print_plan(build: Build, run: Run, as_json: bool) -> None:
     from lcp_catalog.production.estimate import estimate
 
+    compile_missing("build-catalog")
     workers = run.workers
     document = estimate(build, workers, cluster=run.scheduler is not None)
     share = build.claimed_share

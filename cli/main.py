@@ -41,6 +41,7 @@ COMMANDS = {
     "query": ("query", "List the points that a camera can use, and the expected position."),
     "windows": ("windows", "List when a site has enough usable points."),
     "simulate": ("simulate", "Simulate a camera image with detector noise and blur."),
+    "warm-up": ("warm_up", "Compile the kernels before they are needed, here or for others."),
     "help": ("help", "Print a how-to page, or the help of a command."),
     "trade": ("trade", "Measure the run time and the errors of each accuracy tier."),
 }

@@ -7,8 +7,9 @@ import sys
 import threading
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import accumulate
 
 import click
 
@@ -24,28 +25,35 @@ _FEWEST = 3
 
 
 @contextmanager
-def progress(label: str) -> Iterator[Callable[[int, int], None]]:
+def progress(label: str, weights: Sequence[float] = ()) -> Iterator[Callable[[int, int], None]]:
     """Yield a callback ``(done, total)``. The rate counts from its first call, because a resumed run
-    begins with what is done.
+    begins with what is done. ``weights``: shares of the time that the steps take in their order, by which the time left is told.
     """
     if is_json() or not sys.stderr.isatty():
-        lines = _Lines(label)
+        lines = _Lines(label, weights)
         with _beating(lines.beat):
             yield lines.update
         return
-    pace, began = _Pace(), time.monotonic()
+    pace, began = _Pace(weights), time.monotonic()
 
     def shown(done: int | None) -> str:
-        return pace.text if done else f"{duration_text(time.monotonic() - began)} so far"
+        if not done:
+            return f"{duration_text(time.monotonic() - began)} so far"
+        return f"{duration_text(pace.left_s)} left" if weights else pace.text
 
     bar = click.progressbar(
-        length=1, label=label, file=sys.stderr, show_pos=True, item_show_func=shown
+        length=1,
+        label=label,
+        file=sys.stderr,
+        show_pos=True,
+        show_eta=not weights,
+        item_show_func=shown,
     )
     with bar, _beating(bar.render_progress):
 
         def update(done: int, total: int) -> None:
-            bar.length = max(total, 1)
             pace.update(done, total)
+            bar.length = max(total, 1)
             bar.update(done - bar.pos, done)
 
         yield update
@@ -77,8 +85,9 @@ class _Pace:
 
     per_second = left_s = 0.0
 
-    def __init__(self) -> None:
+    def __init__(self, weights: Sequence[float] = ()) -> None:
         self._seen: list[tuple[int, float]] = []
+        self._work = [0.0, *accumulate(weights)]
 
     def update(self, done: int, total: int) -> None:
         now = time.monotonic()
@@ -89,6 +98,9 @@ class _Pace:
         if steps > 0 and seconds > 0.0:
             self.per_second = steps / seconds
             self.left_s = (total - done) / self.per_second
+            if len(self._work) > 1:
+                work = self._work
+                self.left_s = seconds * (work[total] - work[done]) / (work[done] - work[since[0]])
 
     @property
     def text(self) -> str:
@@ -106,8 +118,8 @@ class _Lines:
     the last step. While no step ends, the time that has passed.
     """
 
-    def __init__(self, label: str) -> None:
-        self._label, self._pace = label, _Pace()
+    def __init__(self, label: str, weights: Sequence[float]) -> None:
+        self._label, self._pace = label, _Pace(weights)
         self._said_at: float | None = None
         self._began = self._heard_at = time.monotonic()
         self._state = "preparing"

@@ -9,6 +9,7 @@ import click
 from . import options
 from .files import FileCommand, OutputFile
 from .render_options import RenderOptions, render_options
+from .warm_up import compile_missing
 
 
 @click.command(
@@ -58,7 +59,9 @@ def command(
     from lcp_catalog.rendering.renderer import priced
 
     options.check_outputs(overwrite, output, preview)
-    scene, costs = prepare(asked.request()), None
+    request = asked.request()
+    compile_missing("render")
+    scene, costs = prepare(request), None
     if output is not None:
         image, costs = priced(scene.expose)
         files = {output: encode(scene, image)}

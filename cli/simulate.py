@@ -17,6 +17,7 @@ from .files import FileCommand, InputFile, raster_files
 from .groups import collected
 from .pointing_options import CameraOptions, camera_options
 from .value_types import PLACE, POSITIVE, Number
+from .warm_up import compile_missing
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
@@ -204,6 +205,7 @@ def command(
     camera.check_lit(sun, light, seen)
     beside = str(camera_path(output))
     options.check_outputs(overwrite, output, beside)
+    compile_missing("simulate")
     taken = simulate(
         source,
         seen,

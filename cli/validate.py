@@ -18,6 +18,7 @@ from .messages import EXIT_NO, echo, say
 from .names import in_options
 from .progress import progress
 from .value_types import Distance, Finite, Number
+from .warm_up import compile_missing
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
@@ -205,6 +206,7 @@ def command(
     for name, replaced in ((depfile, True), (errors_file, overwrite)):
         if name and (Path(output).is_dir() or Path(name).parent != Path(output)):
             check_output(name, replaced)
+    compile_missing("validate")
     with progress("images") as update:
         result = validate(
             catalog,

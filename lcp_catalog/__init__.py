@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from .production.config import BuildConfig as BuildConfig
     from .production.run import build_catalog as build_catalog
     from .production.run import merge as merge
+    from .production.warm_up import warm_up as warm_up
     from .rendering.public import render as render
     from .simulation.detector import Detector as Detector
     from .simulation.output import simulate as simulate
@@ -98,6 +99,7 @@ _MODULES = {
     "sun_at": "light.sun_visibility",
     "trade": "tradeoff.report",
     "validate": "validation.public",
+    "warm_up": "production.warm_up",
     "windows": "navigation.site_windows",
 }
 

@@ -174,5 +174,13 @@ def test_every_data_file_is_installed() -> None:
     }
     assert there == found
     flight = {"", ".h", ".c", ".lcpf", ".pgm", ".txt"}
-    assert {path.suffix for path in found} == {".j2", ".css", ".js", ".typed", ".tif", *flight}
+    assert {path.suffix for path in found} == {
+        ".j2",
+        ".css",
+        ".js",
+        ".json",
+        ".typed",
+        ".tif",
+        *flight,
+    }
     assert ROOT / "lcp_catalog" / "py.typed" in found

@@ -1,3 +1,3 @@
-from .cache import use_writable_folder
+from .cpu_level import use_level
 
-use_writable_folder()
+use_level()

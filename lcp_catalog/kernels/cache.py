@@ -1,98 +1,203 @@
-"""The folder of compiled kernels.
+"""Compiled kernels on disk: a file for each kernel and signature, in a folder named after what they depend on (`key`).
 
-numba keeps them beside their source, or else in the user's home, and compiles a kernel again when its own
-file has changed, but not when a kernel that it calls has changed in another file. Compiled kernels of
-other sources are therefore removed, or kept apart. If neither place can be written (a node of a
-cluster), kernels are kept in the temporary directory, so that they are compiled once for each machine.
+They are looked up in the installed package, then in the shared folder that ``LCP_KERNELS`` names, which is only read,
+then in the user's folder, where those that are compiled here are written; where that cannot be, in the temporary
+folder. A file is code that will be run: only files of owners who could change this package are read. Each begins with a
+digest of its place and content: a damaged file is compiled again. numba's own cache has an index, which two processes
+can spoil, crashes on damaged files, and does not see that a kernel's callee has changed in another file.
 """
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import hashlib
 import logging
 import multiprocessing
 import os
+import pickle
+import shutil
 import stat
+import sys
 import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
-from numba.core import event
+from numba.core import config, event
+from numba.core.serialize import dumps
+from numba.misc.appdirs import AppDirs
+
+from .cpu_level import level, target
 
 log = logging.getLogger(__name__)
 
-_VARIABLE = "NUMBA_CACHE_DIR"
-_BESIDE = Path(__file__).parent / "__pycache__"
+_HERE = Path(__file__).parent
+
+_WITHOUT_CODE = {_HERE / "cache.py", _HERE / "entries.py"}
+"""Sources on which no compiled code depends."""
+
+SHARED = "LCP_KERNELS"
+"""The environment's variable that names the shared folder."""
+
+_KEPT = 20
+"""Folders in the user's folder: those of other versions are removed when another one is made, the oldest first."""
 
 
-def use_writable_folder() -> None:
-    """Set the folder before the first kernel is defined. The environment takes it to child processes."""
-    found, digest = _numba_folder(), _source_digest()
-    if os.environ.get(_VARIABLE):
-        if digest[:16] not in os.environ[_VARIABLE]:  # else this process's parent has set it
-            _set_folder(str(Path(os.environ[_VARIABLE]) / f"lcp-kernels-{digest[:16]}"))
-    elif found != _BESIDE or not _remove_others(digest):
-        folder = str(_folder(found.parent if found else Path(tempfile.gettempdir())))
-        os.environ[_VARIABLE] = folder
-        _set_folder(folder)
-    if multiprocessing.parent_process() is None:  # one process of a build says it
-        event.register("numba:compile", _Notice())
+def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """``numba.njit`` with the options given, and the files of this module."""
+
+    def kernel(function: Callable[..., Any]) -> Any:
+        compiled = numba.njit(**options)(function)
+        compiled._cache = _Files(function)
+        return compiled
+
+    return kernel
 
 
-def _set_folder(folder: str) -> None:
-    numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]  # made when numba is imported
+@functools.cache
+def key() -> str:
+    """The name of the folders: the processor's level, and a digest of all that compiled code depends on."""
+    digest = hashlib.sha256()
+    for path in sorted({*_HERE.rglob("*.py")} - _WITHOUT_CODE):
+        digest.update(path.relative_to(_HERE).as_posix().encode() + b"\0" + path.read_bytes())
+    libraries = numba.__version__, llvmlite.__version__, sys.implementation.cache_tag, target()
+    digest.update(repr((libraries, config.USING_SVML, config.OPT, config.BOUNDSCHECK)).encode())
+    return f"{level()}-{digest.hexdigest()[:16]}"
 
 
-def _numba_folder() -> Path | None:
-    """The folder in which numba keeps the kernels of this folder; None if it finds no place: it looks for
-    one when a function is declared.
-    """
+def folders() -> Iterator[Path]:
+    """The folders in which files are looked up."""
+    yield _HERE / "compiled" / key()
+    if os.environ.get(SHARED):
+        yield Path(os.environ[SHARED]) / key()
+    yield from _own_folders()
+
+
+def _own_folders() -> Iterator[Path]:
+    """The folders in which files are written: in the first where that is possible."""
+    own = os.environ.get("NUMBA_CACHE_DIR") or AppDirs("lcp-catalog", False).user_cache_dir
+    yield Path(own) / "kernels" / key()
+    if hasattr(os, "getuid"):
+        parent = Path(tempfile.gettempdir()) / f"lcp-kernels-{os.getuid()}"
+        if _is_ours(parent):
+            yield parent / key()
+
+
+def _is_ours(folder: Path) -> bool:
+    """A folder is not there, or this user's: in the temporary folder others could have made it, or a link."""
     try:
-        probe: Any = numba.njit(cache=True)(_folder)
-        return Path(probe._cache.cache_path)
-    except RuntimeError:
+        facts = folder.lstat()
+    except OSError:
+        return True
+    return stat.S_ISDIR(facts.st_mode) and facts.st_uid == os.getuid()
+
+
+def file_name(kernel: str, signature: str) -> str:
+    """The name of the file of a kernel (module below this package, and function) for a signature."""
+    return f"{kernel}-{hashlib.sha256(signature.encode()).hexdigest()[:16]}.kernel"
+
+
+def whole_file(name: str) -> Path | None:
+    """The first undamaged file of this name."""
+    return next((path for path in (f / name for f in folders()) if _read(path)), None)
+
+
+class _Files:
+    """The files of one kernel, as numba's dispatcher uses a cache."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        module = function.__module__.removeprefix(f"{__package__}.")
+        self.kernel = f"{module}.{function.__qualname__}"
+
+    @property
+    def cache_path(self) -> str:
+        """The user's folder."""
+        return str(next(_own_folders()))
+
+    def load_overload(self, signature: tuple[Any, ...], context: Any) -> Any:
+        """numba's result of a compilation, from the first undamaged file; None without."""
+        context.refresh()
+        name = file_name(self.kernel, repr(signature))
+        for folder in folders():
+            body = _read(folder / name)
+            if body is not None:
+                try:
+                    return numba.core.compiler.CompileResult._rebuild(context, *pickle.loads(body))
+                except Exception:  # whatever an unreadable file raises: it is compiled again
+                    log.debug("%s is not used", folder / name, exc_info=True)
         return None
 
+    def save_overload(self, signature: tuple[Any, ...], result: Any) -> None:
+        """Write a result; without a word where that is impossible."""
+        if result.library.has_dynamic_globals or not all(x.can_cache for x in result.lifted):
+            return
+        name = file_name(self.kernel, repr(signature))
+        body = dumps(result._replace(type_annotation="")._reduce())  # it names places of the source
+        for folder in _own_folders():
+            with contextlib.suppress(OSError):
+                if not folder.is_dir():
+                    _remove_old(folder.parent)
+                write(folder / name, body)
+                return
 
-def _remove_others(digest: str) -> bool:
-    """Remove kernels beside their source that were compiled from other sources. False if they cannot be
-    removed.
-    """
-    note = _BESIDE / "sources.sha256"
+    def flush(self) -> None:
+        """Nothing: a file is as good as what it is compiled from."""
+
+
+def _digest(path: Path, body: bytes) -> bytes:
+    return hashlib.sha256(f"{path.parent.name}/{path.name}\0".encode() + body).digest()
+
+
+def _read(path: Path) -> bytes | None:
+    """The body of a file; None if it is not there, damaged, or of an owner who is not trusted."""
     try:
-        if not note.exists() or note.read_text() != digest:
-            for path in Path(__file__).parent.rglob("*.nb[ci]"):
-                path.unlink(missing_ok=True)
-            part = note.with_suffix(f".{os.getpid()}")
-            part.write_text(digest)
-            part.replace(note)
+        with path.open("rb") as file:
+            if not (path.is_relative_to(_HERE) or _is_trusted(os.fstat(file.fileno()))):
+                _warn_of(path.parent)
+                return None
+            digest, body = file.read(hashlib.sha256().digest_size), file.read()
     except OSError:
-        return False
-    return True
+        return None
+    return body if digest == _digest(path, body) else None
 
 
-def _folder(parent: Path) -> Path:
-    """A folder for this user and these sources of the kernels. Another user's folder of that name, whose
-    files would be run, is not used.
-    """
-    user = os.getuid() if hasattr(os, "getuid") else 0
-    folder = parent / f"lcp-kernels-{user}-{_source_digest()[:16]}"
+@functools.cache
+def _warn_of(folder: Path) -> None:
+    log.warning(
+        "%s: compiled kernels of another owner, or that others can write, are not used", folder
+    )
+
+
+def _is_trusted(facts: os.stat_result) -> bool:
+    """Only owners whose files are run anyway can write the file: root, this user, and the owner of this package."""
+    if not hasattr(os, "getuid"):
+        return True
+    others = facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return not others and facts.st_uid in {0, os.getuid(), os.stat(__file__).st_uid}
+
+
+def write(path: Path, body: bytes) -> None:
+    """Write a file of the cache, whole or not at all. OSError where that is impossible."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    number, part = tempfile.mkstemp(dir=path.parent, prefix=".")
     try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-        facts = folder.lstat()
-        if stat.S_ISDIR(facts.st_mode) and facts.st_uid == user and not facts.st_mode & 0o022:
-            return folder
+        with open(number, "wb") as file:
+            file.write(_digest(path, body) + body)
+        os.chmod(part, 0o644)
+        os.replace(part, path)
     except OSError:
-        pass
-    return Path(tempfile.mkdtemp(prefix="lcp-kernels-", dir=parent))
+        Path(part).unlink(missing_ok=True)
+        raise
 
 
-def _source_digest() -> str:
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+def _remove_old(parent: Path) -> None:
+    """Remove folders of other versions, and of other sources, beyond `_KEPT`."""
+    found = parent.glob("*-" + 16 * "[0-9a-f]")
+    for path in sorted(found, key=lambda path: path.stat().st_mtime, reverse=True)[_KEPT:]:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 class _Notice(event.Listener):
@@ -101,7 +206,7 @@ class _Notice(event.Listener):
     said = False
 
     def on_start(self, event: event.Event) -> None:
-        if not self.said:
+        if not self.said and isinstance(event.data["dispatcher"]._cache, _Files):
             self.said = True
             log.warning(
                 "compiling kernels for this machine: up to two minutes, the first time only"
@@ -109,3 +214,7 @@ class _Notice(event.Listener):
 
     def on_end(self, event: event.Event) -> None:
         pass
+
+
+if multiprocessing.parent_process() is None:  # one process of a build says it
+    event.register("numba:compile", _Notice())

@@ -5,10 +5,10 @@ thread still had are not made, and the loop ends as if they were. Every loop ove
 passes; numba adds a thread's count to the sum when the thread has made them all.
 """
 
-from numba import njit
+from .cache import njit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def all_done(done, count):
     """MemoryError if fewer than ``count`` passes of a parallel loop were made."""
     if done < count:

@@ -5,8 +5,8 @@ first two of numbers, of which the compiler computes many at once, the last one 
 import math
 
 import numpy as np
-from numba import njit
 
+from .cache import njit
 from .vectors import magnitude, rounded, smaller, splat, two_to, where_above
 
 _F = np.float32
@@ -30,7 +30,7 @@ _TAIL = tuple(
 _TAIL_END = _F(6.0)
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def _power(x):
     """e^x for x <= 0, float32, as (1 + rest) scale; 0 is 1e-38."""
     z = max(_LOWEST, x * _LOG2E)
@@ -41,21 +41,21 @@ def _power(x):
     return p, np.int32((whole + _BIAS) << _SHIFT).view(np.float32)
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def exp_lane(x):
     """e^x for x <= 0."""
     rest, scale = _power(x)
     return scale * rest + scale
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def gap_lane(x):
     """1 - e^x for x <= 0, accurate also where it is small."""
     rest, scale = _power(x)
     return (_ONE - scale) - scale * rest
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def log_lane(x):
     """Natural logarithm of a positive normal float32."""
     bits = _F(x).view(np.int32)
@@ -67,13 +67,13 @@ def log_lane(x):
     return p * s + _F(power) * _LN2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _even(x2, c0, c2, c4):
     """c0 + c2 x^2 + c4 x^4 of a vector of squares."""
     return (splat(c4) * x2 + splat(c2)) * x2 + splat(c0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def normal(x):
     """The distribution function of the normal distribution at a vector, within 3e-7; from -6 down and 6 on
     that at these places.

@@ -8,13 +8,14 @@ chosen candidates have than are wanted; `FREE` where none is wanted.
 import heapq
 
 import numpy as np
-from numba import njit
+
+from .cache import njit
 
 FREE = 20_000
 """Slack of a condition that wants nothing: more than any sum reaches."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def raise_to(best, first, place, values):
     """Raise best (place, condition) to the values (candidate, condition) of the candidates there."""
     for i in range(len(first) - 1):
@@ -24,7 +25,7 @@ def raise_to(best, first, place, values):
                 row[c] = max(row[c], values[i, c])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def count(found, first, place, row, worth, rows):
     """Add to found (place, condition), int16, the units of the candidates ``rows``, up to `FREE`."""
     for i in rows:
@@ -34,7 +35,7 @@ def count(found, first, place, row, worth, rows):
                 own[c] = min(own[c] + units[c], FREE)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _gain(i, first, place, row, worth, slack):
     """Units of a candidate that conditions with negative slack lack."""
     found = np.int64(0)
@@ -47,7 +48,7 @@ def _gain(i, first, place, row, worth, slack):
     return found
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _add(i, sign, first, place, row, worth, slack):
     """Add a candidate to the chosen ones, or take it away (sign -1); return the number of conditions
     that have no negative slack any more.
@@ -65,7 +66,7 @@ def _add(i, sign, first, place, row, worth, slack):
     return met
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _is_needed(i, first, place, row, worth, slack):
     """True if a condition would have negative slack without the candidate."""
     for k in range(first[i], first[i + 1]):
@@ -78,7 +79,7 @@ def _is_needed(i, first, place, row, worth, slack):
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def greedy(first, place, row, worth, slack, most):
     """Choose up to ``most`` candidates, always the one with most units that conditions with negative
     slack lack, of several the first. Return their numbers in the order of the choice, and after each how
@@ -108,7 +109,7 @@ def greedy(first, place, row, worth, slack, most):
     return chosen[:size], met[:size], served[:size]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def drop(chosen, is_chosen, first, place, row, worth, slack):
     """Take away the chosen candidates, the last first, that no condition needs."""
     for k in range(len(chosen) - 1, -1, -1):
@@ -118,7 +119,7 @@ def drop(chosen, is_chosen, first, place, row, worth, slack):
             is_chosen[i] = False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def exchange(is_chosen, first, place, row, worth, slack, first_at, candidate_at):
     """Add each candidate in turn that makes at least two chosen ones superfluous, and take those away;
     return the number of exchanges. ``first_at``, ``candidate_at``: the candidates of each place.
@@ -153,7 +154,7 @@ def exchange(is_chosen, first, place, row, worth, slack, first_at, candidate_at)
     return done
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def prices(first, place, row, worth, price):
     """Sum of the prices (place, condition) of the units of each candidate, float64."""
     found = np.zeros(len(first) - 1)

@@ -3,13 +3,14 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from .cache import njit
 
 _MARGIN = 1.0 + 1e-9
 """Factor that keeps the rounding of a box's number from leaving out a place on its edge."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def thinned(places, order, below, labels, kept):
     """Indices of the chosen places (n, 3): first ``kept``, then those of ``order`` that are farther
     than ``below`` from every place chosen before and whose label was not chosen before.
@@ -45,7 +46,7 @@ def thinned(places, order, below, labels, kept):
     return chosen[:count]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _has_neighbour(places, x, y, z, reach, side, limit, last, before, mask):
     """True if a chosen place lies no farther away than the root of ``limit``: the boxes around are at
     most two along each axis.
@@ -62,7 +63,7 @@ def _has_neighbour(places, x, y, z, reach, side, limit, last, before, mask):
     return False
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _hash(i, j, m):
     """A number for a box; those of neighbours are far apart."""
     number = (
@@ -73,7 +74,7 @@ def _hash(i, j, m):
     return number ^ (number >> np.int64(17))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def mark(found, cells, points, flags, wanted):
     """Set ``found`` (cell, condition) to 1 where ``flags`` (point, condition) have all bits of ``wanted``, for pairs
     of a cell and a point.

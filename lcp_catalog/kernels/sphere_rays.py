@@ -12,7 +12,8 @@ computed in the form that adds (t = c / (-b +- root) where -b -+ root would canc
 import math
 
 import numpy as np
-from numba import njit
+
+from .cache import njit
 
 _LANES = 256
 """Rays whose components are stored side by side first, for SIMD processing."""
@@ -20,7 +21,7 @@ _LANES = 256
 _SPLITTER = 134217729.0  # 2^27 + 1: splits a float64 into two halves of 26 bits
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _two_sum(a, b):
     """a + b and its rounding error (Knuth)."""
     total = a + b
@@ -28,7 +29,7 @@ def _two_sum(a, b):
     return total, (a - (total - part)) + (b - part)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _two_product(a, b):
     """a b and its rounding error (Veltkamp's splitting, Dekker's product)."""
     product = a * b
@@ -41,7 +42,7 @@ def _two_product(a, b):
     return product, ((a1 * b1 - product) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _add(a, a_rest, b, b_rest):
     """Sum of two pairs, accurate to 2^-104 of the larger even if the high parts cancel."""
     high, low = _two_sum(a, b)
@@ -53,7 +54,7 @@ def _add(a, a_rest, b, b_rest):
     return high, low - (high - total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _times(a, a_rest, b, b_rest):
     """Product of two pairs."""
     high, low = _two_product(a, b)
@@ -62,7 +63,7 @@ def _times(a, a_rest, b, b_rest):
     return total, low - (total - high)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _dot(ax, ay, az, bx, by, bz):
     """Scalar product as a pair."""
     x, x_rest = _two_product(ax, bx)
@@ -72,7 +73,7 @@ def _dot(ax, ay, az, bx, by, bz):
     return _add(high, low, z, z_rest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def above(px, py, pz, radius):
     """p.p - R^2 as a pair; positive for p outside the sphere."""
     high, low = _dot(px, py, pz, px, py, pz)
@@ -80,7 +81,7 @@ def above(px, py, pz, radius):
     return _add(high, low, -square, -rest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def range_to(px, py, pz, dx, dy, dz, c, c_rest):
     """Distance along a ray to the sphere, in the unit of p for any length of d; NaN if the ray
     misses.
@@ -103,7 +104,7 @@ def range_to(px, py, pz, dx, dy, dz, c, c_rest):
     return t * math.sqrt(a) if meets else np.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def ranges(origins, directions, radius, out):
     """Write `range_to` of rays (n, 3) from origins (n, 3), or (1, 3) for all, into ``out`` (n,)."""
     if origins.shape[0] == 1:
@@ -124,7 +125,7 @@ def ranges(origins, directions, radius, out):
         out[k] = range_to(px, py, pz, dx, dy, dz, c, c_rest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def longest_components(directions):
     """Least and greatest of the longest components of rays (n, 3); NaN if their sum is not finite."""
     least, most = np.inf, 0.0
@@ -137,7 +138,7 @@ def longest_components(directions):
     return least, most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def heights(origins, radius, out):
     """Write the height of points (n, 3) over the sphere into ``out`` (n,): (p.p - R^2) / (|p| + R),
     accurate to the last bits at any height.
@@ -148,13 +149,13 @@ def heights(origins, radius, out):
         out[k] = c / (math.sqrt(px * px + py * py + pz * pz) + radius)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _crossing(f, g):
     """Share 0..1 of the way from f to g (one above 0, one not) at which a line crosses 0."""
     return f / (f - g)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def covered(values, shares, middles):
     """Share of each of n pixels in which a function is above 0, and the middle of that part.
 
@@ -196,7 +197,7 @@ def covered(values, shares, middles):
         middles[n, 1] = mean_y / total / cells - 0.5 if total > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _moments(xs, ys, count):
     """Area of a polygon, and the integrals of x and y over it."""
     area = x = y = 0.0

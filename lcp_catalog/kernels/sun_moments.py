@@ -10,7 +10,8 @@ cell (i, j) has the number i a + j.
 import math
 
 import numpy as np
-from numba import njit
+
+from .cache import njit
 
 PART_DEG = 1.0, 5.0
 """Greatest height and width of a part of a cell."""
@@ -27,7 +28,7 @@ _SAFETY = 1.2
 """Factor of the first derivatives, for what the second ones add."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def parts_of_cells(lat, grid, columns, limit, boxes):
     """Parts of cells with a condition (``columns`` >= 0) in which the Sun can stand at a latitude, rows of cell,
     least and greatest elevation and azimuth, degrees, in ``boxes``; returns their number.
@@ -57,7 +58,7 @@ def parts_of_cells(lat, grid, columns, limit, boxes):
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _turned(box, turn, away, spread, bend, found):
     """The box (4,) that contains the Suns of a part (row of `parts_of_cells`) in a frame that is turned, into
     found. ``away``: angle between the verticals; ``spread``: how far the frame's place may be from the one given,
@@ -87,7 +88,7 @@ def _turned(box, turn, away, spread, bend, found):
         found[2], found[3] = 0.0, 360.0
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _weight(box, i, at, wide, corners, low):
     """Least weight of the evaluated corners of a cell in a box's part of it; ``at``: the azimuths of the box
     from the cell's first.
@@ -105,7 +106,7 @@ def _weight(box, i, at, wide, corners, low):
     return least
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _from_start(box, start, wide):
     """A box's azimuths from the first one of a cell on: the turn of the circle that reaches into the cell."""
     first = (box[2] - start) % 360.0
@@ -115,7 +116,7 @@ def _from_start(box, start, wide):
     return first, last
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def overlapped(box, grid, happens, known, cells):
     """The cells that a box (4,) overlaps and in which the Sun can stand, into cells; returns their number, or
     -1 where the box leaves the grid or what is evaluated. ``happens`` (cell,), ``known`` (e, a).
@@ -146,7 +147,7 @@ def overlapped(box, grid, happens, known, cells):
     return size
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _least(cells, size, units, shift, columns):
     """The least units of a candidate (c,) in any of the cells, of the view with this ``shift``."""
     if size <= 0:
@@ -160,7 +161,7 @@ def _least(cells, size, units, shift, columns):
     return least
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def served(worth, units, turns, away, spread, bend, boxes, grid, happens, known, columns, views):
     """Lower the units (condition,) that a candidate is worth at a place to what it surely is there.
 
@@ -182,7 +183,7 @@ def served(worth, units, turns, away, spread, bend, boxes, grid, happens, known,
             worth[c] = min(worth[c], _least(cells, size, units, shift, columns))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def serve(worth, found, near, frames, spread, units, suns, grid, columns, views, limit):
     """`served` for all pairs, once for each row of worth; ``found`` (place, condition) is set where the Sun can
     stand in a cell at a place.

@@ -14,25 +14,19 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import config, njit
 from numba.core import cgutils, types
-from numba.core.codegen import get_host_cpu_features
 from numba.core.typing import signature
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
+from .cache import njit
+from .cpu_level import lanes
 
-def _numbers() -> int:
-    """16 on processors with AVX-512, else 8: processors with narrower registers than that use several."""
-    features = config.CPU_FEATURES  # type: ignore[attr-defined]  # made when numba is imported
-    return 16 if "+avx512f" in (features or get_host_cpu_features()) else 8
-
-
-LANES = _numbers()
+LANES = lanes()
 """Numbers of a vector: 8 or 16."""
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def multiple(count, of):
     """The least multiple of ``of`` that is not below count."""
     return (count + of - 1) // of * of
@@ -285,7 +279,7 @@ def lowest_bit(_context: Any, _bits: Any) -> Any:
     return types.int64(types.int64), code
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def load_four(array, at, step):
     """The vectors from the places at, at + step, at + 2 step and at + 3 step on."""
     return (
@@ -296,7 +290,7 @@ def load_four(array, at, step):
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def store_four(out, at, step, a, b, c, d):
     """Write four vectors to the places from at, at + step, at + 2 step and at + 3 step on."""
     store(out, at, a)
@@ -305,7 +299,7 @@ def store_four(out, at, step, a, b, c, d):
     store(out, at + 3 * step, d)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def aligned(count):
     """An array (count,) of float32, not set, at the beginning of a cache line (64 bytes): a vector at a
     multiple of `LANES` lies in one line.

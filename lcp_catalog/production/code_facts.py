@@ -16,7 +16,7 @@ from numpy._core._multiarray_umath import (  # type: ignore[import-not-found]  #
 )
 
 from .._version import __version__
-from ..kernels.vectors import LANES
+from ..kernels.cpu_level import level
 
 _LEVELS = {
     "AVX-512": ("AVX512F", "AVX512CD", "AVX512BW", "AVX512DQ", "AVX512VL"),
@@ -53,11 +53,11 @@ def differences(its: Mapping[str, str], here: Mapping[str, str]) -> str:
 
 
 def processor_level() -> str:
-    """The widest registers for which this process has code, and the numbers of a kernel's vector: results
-    differ in their last digits between levels, not between processors of one.
+    """The widest registers for which NumPy has code here, and the level of the kernels: results differ in their last
+    digits between levels, not between processors of one.
     """
     found = [name for name, own in _LEVELS.items() if all(cpu_features.get(k) for k in own)]
-    return f"{(found or [platform.machine()])[0]} with vectors of {LANES}"
+    return f"{(found or [platform.machine()])[0]}, kernels for {level()}"
 
 
 @functools.cache

@@ -48,6 +48,7 @@ from .merging import MergeReport, merge_catalogs
 from .promise import PromiseChoice
 from .recipe import InputFiles, Recipe, cells
 from .sweep import Conditions
+from .warm_up import compile_kernels, missing
 from .worker_memory import caches_mb, divided
 
 log = logging.getLogger(__name__)
@@ -323,6 +324,8 @@ class BuildRun:
         todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
         todo = _in_turn(todo, self.jobs)
         done, failed = len(areas) - len(todo), {}
+        if todo and self.jobs > 1 and self.scheduler is None:
+            compile_kernels(missing("build-catalog"))  # else each worker compiles them
         self.progress(done, len(areas))
         inputs = self.build.recipe.files
         for index, outcome in run_tasks(_finished_area, todo, self.jobs, self.scheduler, inputs):

@@ -29,7 +29,7 @@ def _commands(group: click.Group = cli, path: str = "") -> Iterator[tuple[str, c
 
 COMMANDS = dict(_commands())
 EVERY = pytest.mark.parametrize("name", list(COMMANDS))
-WITHOUT_INPUT = {"help", "sample", "flight-source"}
+WITHOUT_INPUT = {"help", "sample", "flight-source", "warm-up"}
 
 
 @EVERY

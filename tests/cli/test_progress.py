@@ -65,6 +65,22 @@ def test_a_slow_first_step_does_not_count_in_the_time_left(
     assert lines[-1] == "areas: 5 of 12, 5.45 a minute, 1 min 17 s left"
 
 
+def test_the_time_left_follows_the_weights_of_the_steps(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Six kernels, the long ones first, each as many seconds long as its weight says twice over."""
+    weights = [20.0, 20.0, 10.0, 5.0, 5.0, 5.0]
+    with progress("kernels", weights) as update:
+        update(0, 6)
+        for done, weight in enumerate(weights, 1):
+            clock[0] += 2.0 * weight
+            update(done, 6)
+    lines = capsys.readouterr().err.splitlines()
+    left = [line.split(", ")[-1] for line in lines]
+    assert left[2:] == ["30 s left", "20 s left", "10 s left", "0 s left"]
+    assert lines[2].startswith("kernels: 3 of 6, ")
+
+
 def test_json_has_rate_and_time_left(
     clock: list[float], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,4 +1,4 @@
-"""Compiled kernels where neither the package nor the home can be written."""
+"""Files of compiled kernels: where they are looked up, which are not used, and that no two processes spoil them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ import shutil
 import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,109 +20,233 @@ PACKAGE = Path(lcp_catalog.__file__).parent
 
 
 @pytest.fixture
-def fixed_package(tmp_path: Path) -> Path:
-    """A copy of the kernels whose compiled files have no folder: files of that name stand in the
-    places. Unlike permissions this stops root too.
-    """
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's folder."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "own"))
+    monkeypatch.delenv(cache.SHARED, raising=False)
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path))
+    return tmp_path / "own" / "kernels" / cache.key()
+
+
+def half(number: float = 3.0) -> tuple[float, bool]:
+    """The half of a number by a kernel that a new process would load or compile, and whether it was loaded."""
+
+    def halved(x: Any) -> Any:
+        return x / 2
+
+    kernel = cache.njit(nogil=True)(halved)
+    return kernel(number), bool(kernel.stats.cache_hits)
+
+
+def only_file(folder: Path) -> Path:
+    (file,) = folder.iterdir()
+    return file
+
+
+def test_a_kernel_is_compiled_once_and_for_each_type(own: Path) -> None:
+    assert half() == (1.5, False)
+    assert half() == (1.5, True)
+    assert half(3) == (1.5, False)
+    assert half(3) == (1.5, True)
+    assert len(list(own.iterdir())) == 2
+
+
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda data: b"",
+    "short digest": lambda data: data[:20],
+    "half": lambda data: data[: len(data) // 2],
+    "last byte": lambda data: data[:-1],
+    "flipped code": lambda data: data[:2000] + bytes([data[2000] ^ 1]) + data[2001:],
+    "flipped digest": lambda data: bytes([data[0] ^ 128]) + data[1:],
+    "longer": lambda data: data + b"0",
+    "other bytes": lambda data: os.urandom(len(data)),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_compiled_again(damage: str, own: Path) -> None:
+    half()
+    file = only_file(own)
+    whole = file.read_bytes()
+    assert len(whole) > 3000
+    file.write_bytes(DAMAGES[damage](whole))
+    assert half() == (1.5, False)
+    assert half() == (1.5, True)
+    assert only_file(own) == file
+
+
+def test_the_file_of_another_signature_or_version_is_not_used(own: Path) -> None:
+    half(3)
+    whole_number = only_file(own)
+    half(3.0)
+    (other,) = set(own.iterdir()) - {whole_number}
+    shutil.copy(whole_number, other)
+    assert half(3.0) == (1.5, False)
+    elsewhere = own.parent / "x86-64-v0-0123456789abcdef"
+    own.rename(elsewhere)
+    shutil.copytree(elsewhere, own)
+    assert half(3) == (1.5, True)
+    shutil.copy(own / other.name, elsewhere / "moved")
+    assert cache._read(elsewhere / other.name) is None
+
+
+def test_a_whole_file_that_cannot_be_read_as_a_result_is_compiled_again(own: Path) -> None:
+    half()
+    cache.write(only_file(own), b"not a pickle")
+    assert half() == (1.5, False)
+    assert half() == (1.5, True)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of files are POSIX")
+@pytest.mark.parametrize("others", ["group", "all", "owner"])
+def test_a_file_that_others_could_have_written_is_not_run(
+    others: str, own: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    half()
+    file = only_file(own)
+    if others == "owner":
+        if os.getuid() != 0:
+            pytest.skip("only root gives files away")
+        os.chown(file, 12345, 12345)
+    else:
+        file.chmod(0o664 if others == "group" else 0o646)
+    assert half() == (1.5, False)
+    assert "others can write" in caplog.text
+    assert half() == (1.5, True)  # it is replaced
+    assert file.stat().st_uid == os.getuid()
+
+
+def test_the_shared_folder_is_read_and_never_written(
+    own: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    half()
+    shared = tmp_path / "shared"
+    own.parent.rename(shared)
+    monkeypatch.setenv(cache.SHARED, str(shared))
+    assert half() == (1.5, True)
+    assert not own.exists()
+    before = only_file(shared / own.name)
+    assert half(3) == (1.5, False)
+    assert only_file(shared / own.name) == before
+    before.write_bytes(b"")
+    assert half() == (1.5, False)
+    assert before.read_bytes() == b""
+    assert half() == (1.5, True)
+
+
+def test_without_a_writable_folder_nothing_is_kept(own: Path, tmp_path: Path) -> None:
+    """Files in the places of folders: unlike permissions this stops root too."""
+    (tmp_path / "own").touch()
+    assert half() == (1.5, False)
+    assert half() == (1.5, True)  # in the temporary folder
+    (temporary,) = tmp_path.glob("lcp-kernels-*")
+    shutil.rmtree(temporary)
+    temporary.touch()
+    assert half() == (1.5, False)
+    assert half() == (1.5, False)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of files are POSIX")
+def test_a_temporary_folder_that_another_user_could_have_made_is_not_used(
+    own: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "own").touch()
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / f"lcp-kernels-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
+    assert half() == (1.5, False)
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
+def test_folders_of_old_versions_are_removed(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "_KEPT", 2)
+    own.parent.mkdir(parents=True)
+    for k in range(4):
+        folder = own.parent / f"x86-64-v3-{k:016x}"
+        folder.mkdir()
+        os.utime(folder, (1e9 + k, 1e9 + k))
+    (own.parent / "not ours").mkdir()
+    half()
+    left = {path.name[-1] for path in own.parent.glob("x86-64-v3-0*")}
+    assert left == {"2", "3"}
+    assert (own.parent / "not ours").is_dir()
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A copy of the kernels, to change and to run in other processes."""
     copy = tmp_path / "site" / "lcp_catalog"
-    shutil.copytree(
-        PACKAGE / "kernels", copy / "kernels", ignore=shutil.ignore_patterns("__pycache__")
-    )
+    left_out = shutil.ignore_patterns("__pycache__", "compiled")
+    shutil.copytree(PACKAGE / "kernels", copy / "kernels", ignore=left_out)
     for name in ("__init__.py", "_version.py", "constants.py"):
         shutil.copy(PACKAGE / name, copy / name)
-    for folder in {path.parent for path in copy.rglob("*.py")}:
-        (folder / "__pycache__").touch()
     return copy.parent
 
 
-def run_kernel(package: Path, temporary: Path) -> str:
-    """Use a kernel twice in a new process without a home; return what was logged."""
-    call = "moments({}, 1.0, 0.0, 0.0, 289)"
-    code = "from lcp_catalog.kernels.matching.acquisition import moments; "
-    code += call.format("0.1") + "; " + call.format(1)
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "XDG_"))}
-    given = {"PYTHONPATH": str(package), "HOME": os.devnull, "TMPDIR": str(temporary)}
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=kept | given,
-        cwd=package,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stderr
+def started(package: Path, code: str, **given: str) -> subprocess.Popen[str]:
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "XDG_", "LCP_"))}
+    home = package.parent / "home"
+    env = kept | {"PYTHONPATH": str(package), "HOME": str(home)} | given
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([sys.executable, "-c", code], env=env, cwd=package, text=True, **pipes)
 
 
-def test_kernels_are_kept_in_the_temporary_folder_and_compiled_once(
-    fixed_package: Path, tmp_path: Path
-) -> None:
-    temporary = tmp_path / "tmp"
-    temporary.mkdir()
-    assert run_kernel(fixed_package, temporary).count("compiling kernels") == 1
-    (folder,) = temporary.iterdir()
-    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-    assert len(list(folder.rglob("acquisition.moments-*.nbi"))) == 1
-    assert run_kernel(fixed_package, temporary) == ""
-    assert list(temporary.iterdir()) == [folder]
+def result(process: subprocess.Popen[str]) -> tuple[str, str]:
+    out, said = process.communicate()
+    assert process.returncode == 0, said
+    return out.strip(), said
 
 
 ROWS = "from lcp_catalog.kernels.matching.template_products import row_length; print(row_length(1))"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["beside", "home", "given"])
-def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(
-    place: str, fixed_package: Path, tmp_path: Path
-) -> None:
-    """`row_length` calls `multiple` of another file, which the cache does not look at."""
-    if place == "beside":
-        for folder in fixed_package.rglob("__pycache__"):
-            folder.unlink()
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA_", "XDG_"))}
-    env = kept | {"PYTHONPATH": str(fixed_package), "HOME": str(tmp_path / "home")}
-    env |= {"NUMBA_CACHE_DIR": str(tmp_path / "given")} if place == "given" else {}
-    (tmp_path / "home").mkdir()
-
-    def length() -> int:
-        command = [sys.executable, "-c", ROWS]
-        done = subprocess.run(command, env=env, cwd=fixed_package, capture_output=True, check=True)
-        return int(done.stdout)
-
-    found = length()
-    vectors = fixed_package / "lcp_catalog" / "kernels" / "vectors.py"
+def test_a_kernel_is_compiled_again_when_one_that_it_calls_has_changed(package: Path) -> None:
+    """`row_length` calls `multiple` of another file."""
+    found, said = result(started(package, ROWS))
+    assert said.count("compiling kernels") == 1
+    vectors = package / "lcp_catalog" / "kernels" / "vectors.py"
     text = vectors.read_text()
     vectors.write_text(text.replace("// of * of", "// of * of + 1000"))
-    assert length() == found + 1000
+    assert int(result(started(package, ROWS))[0]) == int(found) + 1000
     vectors.write_text(text)
-    assert length() == found
-    assert len(list(tmp_path.rglob("*row_length*.nbi"))) == (1 if place == "beside" else 2)
+    assert result(started(package, ROWS)) == (found, "")
 
 
-@pytest.mark.parametrize("planted", ["link", "open folder", "file"])
-def test_a_folder_that_another_user_could_have_made_is_not_used(
-    planted: str, tmp_path: Path
-) -> None:
-    """Files in it are unpickled and run."""
-    name = cache._folder(tmp_path)
-    name.rmdir()
-    if planted == "link":
-        (tmp_path / "elsewhere").mkdir()
-        name.symlink_to(tmp_path / "elsewhere")
-    elif planted == "file":
-        name.touch()
-    else:
-        name.mkdir()
-        name.chmod(0o777)
-    other = cache._folder(tmp_path)
-    assert other not in (name, tmp_path / "elsewhere")
-    assert stat.S_IMODE(other.stat().st_mode) == 0o700
+@pytest.mark.slow
+def test_two_processes_that_compile_at_once_leave_whole_files(package: Path) -> None:
+    found = [result(one) for one in [started(package, ROWS) for _ in range(3)]]
+    assert len({out for out, _ in found}) == 1
+    files = [path for path in package.parent.rglob("*") if path.is_file() and "home" in path.parts]
+    assert {path.suffix for path in files} == {".kernel"}
+    assert all(stat.S_IMODE(path.stat().st_mode) == 0o644 for path in files)
+    assert result(started(package, ROWS)) == (found[0][0], "")
 
 
-def test_another_source_of_the_kernels_has_another_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    one = cache._folder(tmp_path)
-    assert cache._folder(tmp_path) == one
-    monkeypatch.setattr(cache, "_source_digest", lambda: "0" * 64)
-    assert cache._folder(tmp_path) != one
+LEVEL = """from lcp_catalog.kernels import cpu_level, vectors, cache
+print(cpu_level.level(), vectors.LANES, cache.key().rsplit("-", 1)[0])"""
+
+
+@pytest.mark.parametrize(("level", "lanes"), [("x86-64-v4", 16), ("x86-64-v3", 8), ("x86-64", 8)])
+def test_lanes_and_folder_follow_the_level(level: str, lanes: int, package: Path) -> None:
+    out, _ = result(started(package, LEVEL, NUMBA_CPU_NAME=level))
+    assert out == f"{level} {lanes} {level}"
+
+
+def test_without_a_name_the_level_is_found_by_features() -> None:
+    from lcp_catalog.kernels import cpu_level
+
+    assert cpu_level.level() in {*cpu_level.LEVELS, "generic"}
+    flags = Path("/proc/cpuinfo")
+    if flags.exists() and cpu_level.level() != "generic":
+        line = next(x for x in flags.read_text().splitlines() if x.startswith("flags"))
+        has = set(line.split(":")[1].split())
+        wide = {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"} <= has
+        assert (cpu_level.level() == "x86-64-v4") == wide
+
+
+def test_a_program_that_has_compiled_for_its_own_processor_goes_on_with_it(package: Path) -> None:
+    first = "import numba; numba.njit(lambda x: x)(1); from numba.core.registry import cpu_target as t; "
+    first += "own = t.target_context.codegen().magic_tuple(); "
+    last = "; from lcp_catalog.kernels import cpu_level; print(cpu_level.target() == own)"
+    out, _ = result(started(package, first + LEVEL.replace(chr(10), "; ") + last))
+    assert out.endswith("True")

@@ -100,7 +100,11 @@ def test_few_tasks_are_in_the_cluster_and_no_result_stays(cluster: LocalCluster)
     assert 1 <= most <= 2 * engine._AHEAD + 1
 
 
-WORKERS = {"source code": "0" * 64, "NumPy": "1.0", "processor level": "AVX2 with vectors of 8"}
+WORKERS = {
+    "source code": "0" * 64,
+    "NumPy": "1.0",
+    "processor level": "AVX2, kernels for x86-64-v3",
+}
 
 
 @pytest.mark.parametrize("what", [*WORKERS, "content", "missing"])

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..elementary import exp_lane, normal
 from ..vectors import LANES, aligned, larger, load, splat, splat_at, total
@@ -30,7 +31,7 @@ _PARTS = 8
 """Parts of the patches, for threads; those of a part share work arrays."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def moments(contrast, rho, noise, along, nodes):
     """Mean and variance of the correlation with a window of a contrast whose noise-free correlation
     is ``rho`` (`landmarks.detection`).
@@ -42,7 +43,7 @@ def moments(contrast, rho, noise, along, nodes):
     return mean, max(along / nodes / total * (1.0 - mean * mean), _LEAST_VARIANCE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _integral(at, weights, firsts, steps, count):
     """Sum of weights (n,) times the probabilities that all of ``count`` rivals are below a place at
     (n,) rising, n a multiple of `LANES`; the place is first + step at in sigmas from a rival's mean.
@@ -59,7 +60,7 @@ def _integral(at, weights, firsts, steps, count):
     return np.float64(total(sums))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+@njit(nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _gauss_legendre(low, at, weights):
     """Write the places of the quadrature of a normal density from ``low`` to 5.5 sigma, and the shares of
     its weights, into at and weights (32,). Return the factor of their sum.
@@ -71,7 +72,7 @@ def _gauss_legendre(low, at, weights):
     return np.float64(half) / math.sqrt(2.0 * math.pi)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _given(rivals, contrast, signals, powers):
     """Write the products of correlation and contrast, and the squared contrasts, of the rivals that
     there are (NaN: none) into signals and powers (k,); their number.
@@ -84,7 +85,7 @@ def _given(rivals, contrast, signals, powers):
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+@njit(nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _moments_of_all(signals, powers, noise, along, count, means, variances):
     """Write the `moments` of ``count`` rivals (`_given`) into means and variances (k,); along: V over
     the number of nodes.
@@ -97,7 +98,7 @@ def _moments_of_all(signals, powers, noise, along, count, means, variances):
         means[j], variances[j] = mean, max(variance, _LEAST_VARIANCE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _near(mean, sigma, means, variances, count, firsts, steps):
     """Write the terms first and step of `_integral` for those of ``count`` rivals that are not certainly
     below a normal variable into firsts and steps (k,); their number. means, variances (k,) are
@@ -115,14 +116,14 @@ def _near(mean, sigma, means, variances, count, firsts, steps):
     return near
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _raise(means, variances, count, variance, rise):
     """Add ``rise`` joint sigmas of a variable with a variance and of ``count`` rivals to the rivals' means."""
     for j in range(count):
         means[j] += rise * math.sqrt(variance + variances[j])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _highest(mean, sigma, firsts, steps, near, least, at, weights):
     """Three probabilities: that a normal variable is above ``least`` and above all its ``near``
     independent rivals (firsts, steps: `_near`); that it is above ``least``; that it is above all its
@@ -142,7 +143,7 @@ def _highest(mean, sigma, firsts, steps, near, least, at, weights):
     return min(found, above), above, math.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _acquire(
     contrast, noise, along, rho, nodes, given, factors, weights, least, rise, third_from, work, out
 ):
@@ -172,7 +173,7 @@ def _acquire(
         out[2] += weights[m] * third[m]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def acquisition(
     contrast, noise, along, rho, nodes, rivals, rival_contrast, factors, weights, least, rise,
     third_from, out,
@@ -208,7 +209,7 @@ def acquisition(
     all_done(done, parts)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_contrast, out):
     """Write the probability that the correlation at the true place is above that at the strongest
     of the places around it into out (n,).
@@ -240,7 +241,7 @@ def on_top(contrast, noise, along, rho, nodes, slope_noise, offsets, near, near_
     all_done(done, contrast.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def least_rivals(contrast, noise, along, rho, nodes, factors, clear, out):
     """Write the noise-free correlation below which another place does not matter into out (n,): in
     noise it is ``clear`` standard deviations below that at the true place, for windows of half the

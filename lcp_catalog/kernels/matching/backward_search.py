@@ -5,13 +5,14 @@ in the template.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .correlation import bounds, centred, correlations
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _vertex(before, here, after):
     """Offset of the vertex of the parabola through three values from the middle one; 0 for a
     straight line.
@@ -22,7 +23,7 @@ def _vertex(before, here, after):
     return 0.5 * (before - after) / bend
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _filled(values, mask, share, out):
     """Write a template, with its mean outside the mask, into out, and its mask as 0 and 1 into
     share.
@@ -40,7 +41,7 @@ def _filled(values, mask, share, out):
             share[r, c] = np.float32(1.0) if mask[r, c] else np.float32(0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _chip(mask, image, weight, top, left, chip, known):
     """Write the image's pixels from (top, left) on as a template into chip. Return the number of
     pixels used, 0 if the template is flat or leaves the image.
@@ -54,7 +55,7 @@ def _chip(mask, image, weight, top, left, chip, known):
     return centred(image[top : top + rows, left : left + cols], known, chip)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _summit(score):
     """Row and column of a map's maximum, to a fraction of a pixel, and its height; NaN if no value
     is above 0.
@@ -74,7 +75,7 @@ def _summit(score):
     return row, col, best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _find_backwards(values, mask, image, weight, row0, col0, inner, reach, least_real, out):
     r0, r1, c0, c1 = bounds(mask)
     if r0 >= r1:
@@ -99,7 +100,7 @@ def _find_backwards(values, mask, image, weight, row0, col0, inner, reach, least
     out[0], out[1] = right + x0 - cut_c, down + y0 - cut_r
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def find_backwards(values, masks, image, weight, places, inner, reach, least_real, out):
     """Search for the image's inner part (share ``inner`` of each side) at n found ``places`` (n, 2:
     column, row of the template's first pixel) in the templates (n, h, w), within ``reach`` pixels:

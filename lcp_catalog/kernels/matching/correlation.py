@@ -7,8 +7,9 @@ with too few valid pixels under the mask has no correlation.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 
 NOWHERE = np.float32(-2.0)
@@ -17,7 +18,7 @@ FLAT = 1e-6
 """A window whose variance is below this share of its region's variance correlates 0."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def bounds(mask):
     """Half-open rows and columns of the box around a mask: first row, row behind the last, first
     column, column behind the last.
@@ -32,7 +33,7 @@ def bounds(mask):
     return r0, r1, c0, c1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def centred(values, mask, out):
     """Write the template less its mean, of unit length, 0 outside its mask, into out. Return the
     mask's pixels, 0 if it is flat.
@@ -57,7 +58,7 @@ def centred(values, mask, out):
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def window(shape, high, wide, row, col, reach):
     """First and last row, first and last column at which a window of high x wide pixels lies in an
     image, within ``reach`` of (row, col).
@@ -68,7 +69,7 @@ def window(shape, high, wide, row, col, reach):
     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _prefixes(region, share):
     """Sums along the rows of a region's values, squares and weights, each after a leading 0; and
     True if any weight is not 1.
@@ -86,7 +87,7 @@ def _prefixes(region, share):
     return one, two, real, gaps
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _add_products(template, row, sums):
     """Add the products of a template's row with an image's row at nx places to sums (nx,); four
     pixels at a time.
@@ -111,7 +112,7 @@ def _add_products(template, row, sums):
         j += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add_run(prefix, j0, j1, sums):
     """Add the sums of a row's pixels j0 to j1, relative to each of nx places, to sums (nx,);
     ``prefix``: sums from the row's start.
@@ -121,7 +122,7 @@ def _add_run(prefix, j0, j1, sums):
         sums[x] += high[x] - low[x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _region(image, row, col, high, wide):
     """A part of an image less its mean, and its variance."""
     mean = 0.0
@@ -138,7 +139,7 @@ def _region(image, row, col, high, wide):
     return out, power / (high * wide)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add_row(mask, one, two, real, gaps, first, second, known):
     """Add the image's pixels under a row of the mask to the places' sums (nx,) of values, squares
     and, with gaps, weights.
@@ -157,7 +158,7 @@ def _add_row(mask, one, two, real, gaps, first, second, known):
             _add_run(real, j0, j, known)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def correlations(image, weight, template, mask, count, row, col, ny, nx, least_real):
     """Correlations (ny, nx) of a template (rows, cols; `centred`, ``count`` pixels of mask) with
     the windows from (row, col) on; `NOWHERE` where less than ``least_real`` of the pixels under the
@@ -188,7 +189,7 @@ def correlations(image, weight, template, mask, count, row, col, ny, nx, least_r
     return out, best_real, variance
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def maps(image, weight, values, masks, origins, reach, least_real, out):
     """Write the correlations of n templates at every offset within ``reach`` into out (n, 2 reach +
     1, 2 reach + 1) rows and columns; NaN where a template leaves the image or too few pixels under

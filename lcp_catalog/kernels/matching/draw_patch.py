@@ -10,8 +10,9 @@ shadow lies between nodes.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..photometry.laws import phase_terms, radiance_factor
 from ..rays.surface import node_normal
@@ -27,7 +28,7 @@ _FAR = np.float32(np.inf)
 _TOUCHING = 1.0 + 1e-12
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _over_lines(z, i, dv, dz, side, step, reach, least):
     """Lower the least clearances (n,) of the rays from the nodes of row i to those at their crossings with columns, each ray
     up to its ``reach`` (n,) steps away. dv, dz: rows and metres per step; a ray crosses a column towards ``side`` (1, -1)
@@ -54,7 +55,7 @@ def _over_lines(z, i, dv, dz, side, step, reach, least):
         k += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _over_diagonals(z, j, du, dv, dz, reach, least):
     """The same for the rays from the nodes of column j and their crossings with the cells' diagonals; z and the results as rows
     of columns. A node of the border counts in its row or column.
@@ -84,7 +85,7 @@ def _over_diagonals(z, j, du, dv, dz, reach, least):
         k += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _to_border(place, rate, last):
     """Steps until a ray from ``place`` leaves 0..last, increased by rounding, so that the crossing
     on the border itself, which is computed differently, is not later.
@@ -94,7 +95,7 @@ def _to_border(place, rate, last):
     return _TOUCHING * ((last - place) / rate if rate > 0.0 else -place / rate)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _reach(heights, du, dv, dz, summit, out):
     """Write the steps after which a ray from each node, towards the Sun, is beyond the border or above the summit."""
     rows, cols = heights.shape
@@ -106,7 +107,7 @@ def _reach(heights, du, dv, dz, summit, out):
                 out[i, j] = min(out[i, j], (summit - heights[i, j]) / dz + _NEAR)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _relief(z):
     """Greatest height, and the gradient of the steepest facet in metres per cell; 0 for missing
     nodes.
@@ -125,7 +126,7 @@ def _relief(z):
     return summit, math.sqrt(steepest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def clearances(z, gsd, sun, out):
     """Write the least clearance of each node's ray towards the Sun (3,) above the patch's own
     surface, metres, into out; 1 everywhere if no facet is as steep as the rays.
@@ -158,7 +159,7 @@ def clearances(z, gsd, sun, out):
     out[:] = low.T
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _corner_weights(f, g, out):
     """Bilinear weights of the corners north-west, north-east, south-west, south-east at shares f
     (east) and g (south).
@@ -167,7 +168,7 @@ def _corner_weights(f, g, out):
     out[2], out[3] = (1.0 - f) * g, f * g
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def shade(z, gsd, sun, towards, code, law, out):
     """Write the radiance factors of a patch's nodes, without cast shadows, into out (rows, cols)
     float32. towards (4, 3): directions to the camera from the corners nw, ne, sw, se; they and the
@@ -205,7 +206,7 @@ def shade(z, gsd, sun, towards, code, law, out):
             out[i, j] = np.float32(radiance_factor(code, law, here, mu0, mu, cos_g))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _span(a, b, c, size):
     """First and last integer between the least and the greatest of three values, within 0..size -
     1.
@@ -214,7 +215,7 @@ def _span(a, b, c, size):
     return max(math.ceil(low), 0), min(math.floor(high), size - 1)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _triangle(x, y, d, b, m, depth, out):
     """Draw one triangle where it is the nearest so far: x, y (3,) samples, d depths, b radiance, m
     clearances.
@@ -250,7 +251,7 @@ def _triangle(x, y, d, b, m, depth, out):
                 out[row, col] = np.float32(light) if clear >= 0.0 else np.float32(0.0 * light)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _draw(x, y, far, light, clear, depth, out):
     """Draw all triangles of a patch; x, y, far, light, clear (rows, cols)."""
     rows, cols = x.shape
@@ -266,13 +267,13 @@ def _draw(x, y, far, light, clear, depth, out):
                 _triangle(corners[0], corners[1], corners[2], corners[3], corners[4], depth, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _pick(corners, k, x, y, far, light, clear, i, j):
     corners[0, k], corners[1, k], corners[2, k] = x[i, j], y[i, j], far[i, j]
     corners[3, k], corners[4, k] = light[i, j], clear[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def draw_patches(z, gsd, albedo, suns, towards, pixels, origins, sub, code, law, out):
     """Draw n patches into out (n, rows, cols) float32: radiance factor at ``sub`` x ``sub`` samples
     of each pixel, NaN where the patch is not visible.

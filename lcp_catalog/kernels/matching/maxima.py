@@ -1,8 +1,8 @@
 """Maxima of a correlation map."""
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from ..vectors import LANES, larger, load, lowest_bit, multiple, not_below
 
 _ABOVE, _STEPS = 3.0, 2.0**28
@@ -20,13 +20,13 @@ _UNSORTED = 24
 """Number of maxima up to which they are not divided into classes first."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def map_row(nx):
     """Places of a row of a map of nx columns as `highest` reads it."""
     return multiple(nx, LANES) + 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def surround(values, ny, nx):
     """Put lower places around the ny x nx numbers of a map in rows of `map_row` places: the first and the
     last row, the first place of each row, and the places behind its numbers.
@@ -39,7 +39,7 @@ def surround(values, ny, nx):
             values[x] = _OUTSIDE
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _keys(values, ny, nx, row, col, exclusion, keys):
     """Write height and place of every place without a higher neighbour that is farther than
     ``exclusion`` from (row, col) into keys as one number; how many.
@@ -64,7 +64,7 @@ def _keys(values, ny, nx, row, col, exclusion, keys):
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _least_class(keys, count, lowest, few, size):
     """The class of heights (`_CLASS`) from which on the highest ``size`` of the keys (count,) are
     found, or those above ``lowest`` and the highest ``few``; there may be others in it.
@@ -84,7 +84,7 @@ def _least_class(keys, count, lowest, few, size):
     return number
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def highest(values, ny, nx, lowest, few, row, col, exclusion, places, heights, keys, best):
     """`maxima` of a map whose numbers stand in rows of `map_row` places, after a lower row and a lower
     place (`surround`). keys (ny nx,), best (k,) int64: work arrays.
@@ -111,7 +111,7 @@ def highest(values, ny, nx, lowest, few, row, col, exclusion, places, heights, k
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def maxima(score, lowest, few, row, col, exclusion, places, heights):
     """Write the highest maxima (3 x 3) of a map of correlations (rows, cols) into places (k, 2; row and
     column) and heights (k,), best first: those above ``lowest``, and the ``few`` highest. Return

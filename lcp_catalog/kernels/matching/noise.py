@@ -10,8 +10,8 @@ rows and columns (long ones).
 """
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from ..vectors import LANES, aligned, load, load_four, multiple, splat, splat_at, store, store_four
 
 FIELDS = 4
@@ -26,13 +26,13 @@ _RUN = 32 * LANES
 """Places of an array whose products are summed before they are added to the rest."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def tiled(count):
     """The next multiple of `_TILE`: rows of patches are followed by zeros up to it."""
     return multiple(count, _TILE)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add(sums, factor, out):
     """Add factor times a vector to out (LANES,)."""
     part = np.empty(LANES, np.float32)
@@ -41,7 +41,7 @@ def _add(sums, factor, out):
         out[k] += factor * part[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _dot(a, b):
     """The sums of products of two arrays (n LANES,), a vector."""
     zero = splat(np.float32(0.0))
@@ -54,7 +54,7 @@ def _dot(a, b):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _along_row(values, at, taps, even, odd, b, out, to):
     """Write sums of the nodes around the four from place ``at`` on, in their row, times factors up to a
     distance of b, into out from place ``to`` on: four vectors each. The factors, even and odd in the
@@ -84,7 +84,7 @@ def _along_row(values, at, taps, even, odd, b, out, to):
     store_four(out, to + 4 * s, s, b0, b1, b2, b3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _along_columns(values, at, wide, taps, one, other, b, out, to):
     """Write sums of the four nodes from place ``at`` on and of those above them, in rows of ``wide``
     places, up to a distance of b, into out as `_along_row` does: half of the factor at distance 0.
@@ -103,7 +103,7 @@ def _along_columns(values, at, wide, taps, one, other, b, out, to):
     store_four(out, to + 4 * s, s, b0, b1, b2, b3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _filtered(products, by_east, by_south, wide, taps, b, out):
     """Write the sums that `_paired` takes from a field into out (32 LANES,): those along the rows of its
     products with both sensitivities at the four nodes from the places by_east and by_south on, and
@@ -117,7 +117,7 @@ def _filtered(products, by_east, by_south, wide, taps, b, out):
     _along_columns(products, by_south, wide, taps, second, first, b, out, 6 * s)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _paired(one, other):
     """Sum of the products of the sums along the rows of a field with those along the columns of another
     (`_filtered`): second derivative with value, value with second derivative, and the first ones.
@@ -130,7 +130,7 @@ def _paired(one, other):
     return ((a + b) + (c + d)) + ((e + f) + (g + h)) - ((i + j) + (k + m)) - ((t + u) + (v + w))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _four_products(one, at, other, to):
     """The products of four vectors from two places on."""
     a, b, c, d = load_four(one, at, LANES)
@@ -138,7 +138,7 @@ def _four_products(one, at, other, to):
     return a * e, b * f, c * g, d * h
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _wide(p, b):
     """Nodes of a row with b zeros on both sides, an odd number: rows of a power of 2 would take turns in
     few places of the cache.
@@ -146,7 +146,7 @@ def _wide(p, b):
     return (tiled(p) + 2 * b) | 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _product(field, factor, at, count, out, to):
     """Write the products of ``count`` places of two arrays from place ``at`` on into out from place
     ``to`` on.
@@ -155,7 +155,7 @@ def _product(field, factor, at, count, out, to):
         store(out, to + x, load(field, at + x) * load(factor, at + x))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _surrounded(field, factor, p, b, out):
     """Write the products of two arrays (p p LANES,) into out, with zeros around that `scratch` has
     left: b nodes before and behind each row, and b rows above the first.
@@ -165,7 +165,7 @@ def _surrounded(field, factor, p, b, out):
         _product(field, factor, y * m, m, out, (y + b) * wide + b * LANES)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def scratch(p, b):
     """Work arrays of `by_distance` for patches of p x p nodes and terms up to a distance of b nodes: two
     fields' products with both sensitivities, surrounded by zeros (`_surrounded`).
@@ -175,7 +175,7 @@ def scratch(p, b):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def by_distance(fields, east, south, p, taps, work, products):
     """Add the covariances of slope errors' products with the fields to products (5, LANES), `PAIRS`.
 
@@ -199,7 +199,7 @@ def by_distance(fields, east, south, p, taps, work, products):
             _add(both, 1.0, products[2])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _by_distance_of_two(work, p, taps, b, mixed):
     """The sums of `by_distance` for a field, for another one, and, if ``mixed``, of both orders of the
     two. A strip of columns at a time, of which the rows in reach stay in the cache.
@@ -222,7 +222,7 @@ def _by_distance_of_two(work, p, taps, b, mixed):
     return one, other, both
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _combine(factors, source, step, between, count, out, first, out_step, out_between):
     """Add sums of vectors of source, times the factors (r, k), to vectors of out: for all n below
     ``count``, out[first + r out_step + n out_between] += sum over k of factors[r, k] source[k step +
@@ -246,7 +246,7 @@ def _combine(factors, source, step, between, count, out, first, out_step, out_be
             store_four(out, u, s, b0, b1, b2, b3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def whole_tiles(components):
     """Components (2, m, r, p) with zeros up to a multiple of `_TILE` components, for `by_components`."""
     kinds, terms, count, p = components.shape
@@ -255,7 +255,7 @@ def whole_tiles(components):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def by_components(fields, factors, p, components, products):
     """Add the covariances of the products of a sum of noise terms with the fields to products (5,
     LANES), `PAIRS`: fields (4, p p LANES), the terms' sensitivities (m, p p LANES), and their principal

@@ -3,13 +3,14 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..vectors import LANES, load, multiple, splat, store
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def gather(stack, which, rows, cols, half, out):
     """Copy the (2 half + 1)^2 nodes around each (row, col) of image ``which`` of a stack (k, rows,
     cols) into out (n, size, size); nodes outside the image are NaN.
@@ -34,7 +35,7 @@ def gather(stack, which, rows, cols, half, out):
     all_done(done, which.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def halved_changes(changes, rows, cols, out):
     """Write differences (n, p, p) from images at the patches around (rows, cols), at half their
     resolution, on the pixels of images at half resolution, into out (n, q, q), q = 2 (p // 4) + 1; 0
@@ -56,7 +57,7 @@ def halved_changes(changes, rows, cols, out):
     all_done(done, changes.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _seven(values, starts, taps, out, at):
     """Write the sum of the runs of vectors that begin at seven places of an array, times taps (7,), to
     out from place ``at`` on; as many vectors as out has room for.
@@ -72,7 +73,7 @@ def _seven(values, starts, taps, out, at):
         store(out, at + x, (one + two) + (three + z * load(values, g + x)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _blur(image, taps, out):
     """One image through a kernel (7,) along both axes, its border extended."""
     rows, cols = image.shape
@@ -96,7 +97,7 @@ def _blur(image, taps, out):
             target[x] = row[x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def blurred(stack, taps, out):
     """Write images (k, rows, cols) through a kernel (7,) along both axes, their borders extended,
     into out; images that are 0 everywhere stay so.
@@ -115,7 +116,7 @@ def blurred(stack, taps, out):
     all_done(done, stack.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _light(row):
     """Number of lit (above 0) values of a row (n,), and their sum: NaN where a value is missing."""
     count, total = np.int32(0), np.float32(0.0)
@@ -126,7 +127,7 @@ def _light(row):
     return count, total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def light(patches, share, level):
     """Write the share of each patch's nodes (n, p, p) that are lit (above 0) into share (n,), and
     their mean into level (n,): NaN where a node is missing or none is lit.
@@ -144,7 +145,7 @@ def light(patches, share, level):
     all_done(done, patches.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _gradients(above, row, below, step, sums):
     """Add the squares and the product of the gradients at a row's nodes to sums (3,): xx, yy, xy."""
     n = row.size
@@ -166,7 +167,7 @@ def _gradients(above, row, below, step, sums):
     sums[2] += xy
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def harris(patches, level, weight, out):
     """Write det M - weight trace(M)^2 of each patch (n, p, p), divided by its level (n,), over the
     squared number of nodes, into out (n,); M from central differences, one-sided at the border. NaN
@@ -186,7 +187,7 @@ def harris(patches, level, weight, out):
     all_done(done, patches.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def halved(stack, out):
     """Write the means of 2 x 2 pixels of images (k, rows, cols) into out (k, rows // 2, cols // 2)."""
     done = 0

@@ -5,8 +5,9 @@ fraction of a pixel.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..vectors import LANES, load, load_four, multiple, splat, splat_at, store, store_four
 
@@ -14,7 +15,7 @@ _ROOT_HALF = math.sqrt(0.5)
 _INVERSE_ROOT_TWO_PI = 1.0 / math.sqrt(2.0 * math.pi)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _ramp(x, sigma):
     """Twice the integral of a Gaussian step from -infinity to x, and the step: (x Phi + sigma phi,
     Phi).
@@ -26,19 +27,19 @@ def _ramp(x, sigma):
     return x * step + sigma * _INVERSE_ROOT_TWO_PI * math.exp(-0.5 * t * t), step
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _narrowed(sub, sigma):
     """Sigma of the Gaussian without the square of a sample."""
     return math.sqrt(max(sigma * sigma - 1.0 / (12.0 * sub * sub), 0.0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _half_width(sub, sigma):
     """Pixels from a pixel's middle to the farthest sample that counts."""
     return 0.5 + 4.0 * _narrowed(sub, sigma) + 1.0 / sub
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def taps(sub, sigma, shift):
     """Weights of the samples around a pixel, their derivatives with respect to the shift, and the
     index of the first of them, counted from the pixel's own first sample.
@@ -65,13 +66,13 @@ def taps(sub, sigma, shift):
     return weights, slopes, first
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def margin_for(sub, sigma, farthest):
     """Pixels beside a drawing that the point spread reaches with shifts of up to ``farthest`` pixels."""
     return math.ceil(_half_width(sub, sigma) + farthest + 1.5)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def unpack_drawing(drawing, sub, margin):
     """Light and mask (0 and 1) of a drawing (rows * sub, cols * sub), with 0 for NaN: two arrays (rows * sub, sub * wide).
     Column c * sub + s is stored at s * wide + margin + c, so that samples with the same weight in neighbouring
@@ -91,7 +92,7 @@ def unpack_drawing(drawing, sub, margin):
     return light, known
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _four(weights, k, a, b, c, d):
     """Sum of four vectors with the weights from k on."""
     return (splat_at(weights, k) * a + splat_at(weights, k + 1) * b) + (
@@ -99,7 +100,7 @@ def _four(weights, k, a, b, c, d):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _down(light, known, long, first, at, weights, slopes, line):
     """Sums along a column of `LANES` samples, from row ``first`` on and place ``at`` in each row, into four lines (4 long,):
     light with the weights and with the slopes, and the mask with both. Rows beyond the drawing are left out.
@@ -120,7 +121,7 @@ def _down(light, known, long, first, at, weights, slopes, line):
     store_four(line, at, long, a, b, c, d)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _across(line, long, wide, sub, first, at, weights, slopes, sums):
     """Sums along the rows of `_down` for `LANES` pixels from place ``at`` on, into sums (6 `LANES`,): of light, of its
     slopes right and down, and the same of the mask.
@@ -136,7 +137,7 @@ def _across(line, long, wide, sub, first, at, weights, slopes, sums):
     store(sums, 5 * LANES, f)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def blurred(light, known, margin, sub, sigma, shift_x, shift_y, out):
     """Write the pixels of a drawing in the layout of `unpack_drawing`, with the same margin, moved by a shift, into out
     (4, rows, cols) float32: value, its derivatives with respect to the shift right and down, and the
@@ -165,7 +166,7 @@ def blurred(light, known, margin, sub, sigma, shift_x, shift_y, out):
                 out[2, r, c] = (sums[2 * LANES + k] - value * sums[5 * LANES + k]) * inverse
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def templates(drawings, sub, sigma, least, values, mask):
     """Write the templates of n drawings (n, rows * sub, cols * sub), not moved, into values (n,
     rows, cols) float32, and into mask True where at least a share ``least`` of the point spread

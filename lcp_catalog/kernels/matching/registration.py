@@ -10,8 +10,9 @@ the patch, a constant; `noise`), and all that follows for the match (`landmarks.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..vectors import LANES, aligned, load, splat, store, transpose
 from .noise import FIELDS, PAIRS, by_components, by_distance, scratch, whole_tiles
@@ -41,7 +42,7 @@ _PARTS = 8
 ) = range(19)  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def side_by_side(stack, first, inverse, out):
     """Write the nodes of patches first, first + 1 ... of a stack (n, p, p), times inverse (LANES,),
     side by side into out; the last patch stands for those that are missing.
@@ -57,7 +58,7 @@ def side_by_side(stack, first, inverse, out):
             out[x * LANES + k] = inverse[k] * flat[at[k] + x]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _compare(p, patch, scaled, sums):
     """Write the patch less the image into scaled[3]; means of both, powers of the others."""
     n, zero = p * LANES, splat(np.float32(0.0))
@@ -78,7 +79,7 @@ def _compare(p, patch, scaled, sums):
     store(sums[_SOUTH2], 0, down)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _less(p, values, mean):
     """Subtract a mean, a vector, from values in place. Return what is left of it and the power."""
     n, zero = p * LANES, splat(np.float32(0.0))
@@ -93,7 +94,7 @@ def _less(p, values, mean):
     return left * splat(np.float32(1.0 / (p * p))), power
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _centre(p, patch, change, sums):
     """Centre the patch, twice because the mean is rounded, and the change; their powers."""
     left, _ = _less(p, patch, load(sums[_MEAN], 0))
@@ -103,7 +104,7 @@ def _centre(p, patch, change, sums):
     store(sums[_CHANGE2], 0, power)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _slope(image, at, step, k, p):
     """Derivative at node k of the p nodes of a line, ``step`` places apart: a difference of the sixth
     order over seven nodes, of lower order in the three outer ones.
@@ -124,7 +125,7 @@ def _slope(image, at, step, k, p):
     return splat(np.float32(0.75)) * near - two + three
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def differentiate(p, patch, across, down, sums):
     """Write the patch's derivatives along its columns and rows; their means, powers, and products with
     the patch.
@@ -150,7 +151,7 @@ def differentiate(p, patch, across, down, sums):
     store(sums[_Y_PATCH], 0, yu)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _project(p, fields, change, scale, sums):
     """Scale the patch to unit norm by scale (LANES,), and take their means and their shares of it
     from the slopes; powers and products of all.
@@ -182,7 +183,7 @@ def _project(p, fields, change, scale, sums):
     store(sums[_Y_CHANGE], 0, yc)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _own_correlation(power, product, change):
     """Correlation of a patch with itself and a change, from the patch's squared norm, the product of
     the patch of unit norm with the change, and the squared norm of the centred change. 0 if the changed
@@ -195,7 +196,7 @@ def _own_correlation(power, product, change):
     return min(max((own + product) / math.sqrt(whole), -1.0), 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _shift(normal, products, x, y, out):
     """Write covariance and displacement of the shift into out, from F (``normal``: xx, yy, xy), the
     noise's products and those x, y of the slopes with the difference of patch and image.
@@ -214,7 +215,7 @@ def _shift(normal, products, x, y, out):
         out[10] = out[11] = math.inf
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _write(sums, loss, products, noise, nodes, out):
     """The statistics of a patch from its sums, its loss and the noise's products."""
     power = sums[_PATCH2]
@@ -230,7 +231,7 @@ def _write(sums, loss, products, noise, nodes, out):
     _shift((sums[_X2], sums[_Y2], sums[_XY]), products, sums[_X_CHANGE], sums[_Y_CHANGE], out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _register(stacks, first, level, noise, terms, work, out):
     """The statistics of the patches first, first + 1 ... of stacks (patches, images, east, south); the
     other arguments as in `registrations`, and work arrays.
@@ -268,7 +269,7 @@ def _register(stacks, first, level, noise, terms, work, out):
         _write(own, loss[k], products[:, k], noise, p * p, out[first + k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def registrations(patches, images, east, south, level, noise, taps, heights, albedo, out):
     """Write the statistics (n, `NUMBERS`) of n patches.
 

@@ -9,8 +9,9 @@ from the highest maxima there steepest ascents lead to maxima at full resolution
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..vectors import LANES, aligned, load, splat, store, total
 from .correlation import FLAT, window
@@ -33,7 +34,7 @@ _PARTS = 8
 """Parts of the templates, for threads; those of a part share work arrays."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _moments(image):
     """Mean and mean square of an image (rows, cols)."""
     total = power = 0.0
@@ -48,7 +49,7 @@ def _moments(image):
     return total / image.size, power / image.size
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def centred(stack, out, power):
     """Write images (k, rows, cols) less their means into out, and their variances into power (k,): NaN
     for images with missing pixels.
@@ -65,7 +66,7 @@ def centred(stack, out, power):
     all_done(done, stack.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _window_sums(image, row, size, first, second):
     """Move sums over ``size`` rows of the pixels and their squares, (cols,) each, to those that end
     with ``row``.
@@ -84,7 +85,7 @@ def _window_sums(image, row, size, first, second):
             second[c] += x * x - y * y
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def window_norms(stack, size, out):
     """Write the reciprocal of the norm of every centred window of size x size pixels into out (k,
     rows - size + 1, cols - size + 1), and 0 for windows whose variance is not above `FLAT` times
@@ -109,7 +110,7 @@ def window_norms(stack, size, out):
     all_done(done, stack.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _norms_between(before, before2, size, flat, out):
     """Reciprocals of the norms of the windows of a row from the sums of the pixels and of their squares
     over all columns before each column.
@@ -125,7 +126,7 @@ def _norms_between(before, before2, size, flat, out):
             out[c] = np.float32(0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _prepare(values, at, p, out):
     """Write the p x p numbers from place ``at`` of an array on, less their mean, into the rows of a template
     (`template_products`) whose other places are 0. Return their norm, 0 if they are alike.
@@ -154,7 +155,7 @@ def _prepare(values, at, p, out):
     return math.sqrt(power) if power > 1e-14 * mean * mean * p * p else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _blocks(values, at, p, row, col, out):
     """Write the means of a template's 2 x 2 pixels on the blocks of an image at half resolution, as far
     as they are complete, into out (side, side). The template's p x p pixels stand from place ``at`` of
@@ -172,7 +173,7 @@ def _blocks(values, at, p, row, col, out):
     return side, (row + 1) // 2, (col + 1) // 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _pixels_around(image, row, col, p, margin):
     """An image's pixels in rows, as `template_products` reads them, their length, and the place of the
     pixel ``margin`` rows above and columns before (row, col): the image itself where templates of p x p
@@ -190,7 +191,7 @@ def _pixels_around(image, row, col, p, margin):
     return out.ravel(), out.shape[1], 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _room(p, reach):
     """Work arrays of `_map` for templates of p x p pixels and a search of +-``reach``: pixels, products,
     the map (`maxima.surround`), and numbers of maxima.
@@ -202,7 +203,7 @@ def _room(p, reach):
     return pixels, products, aligned((n + 2) * map_row(n)), np.empty(n * n, np.int64)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _map(flat, wide, norms, template, scale, p, row, col, ny, nx, room):
     """Write the correlations (ny, nx) of a template of p x p pixels (`_prepare`; scale: over its norm)
     with the windows from (row, col) of an image (its pixels in rows of ``wide``) on into the map of
@@ -235,7 +236,7 @@ def _map(flat, wide, norms, template, scale, p, row, col, ny, nx, room):
     surround(score, ny, nx)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _climb(image, flat, norms, template, scale, p, row, col, limits, around):
     """Steepest ascent of a template's correlation (`_map`) from (row, col), one pixel a step, within
     limits (first and last row and column). Return the last place, its correlation, and True if it is a
@@ -262,7 +263,7 @@ def _climb(image, flat, norms, template, scale, p, row, col, limits, around):
     return row, col, np.float64(best), False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _top(score, wide, ny, nx, row, col):
     """The place of a maximum in half pixels of a map (`maxima.surround`), from parabolas along its row and
     column.
@@ -275,7 +276,7 @@ def _top(score, wide, ny, nx, row, col):
     return up, left
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _vertex(before, here, after):
     """Half pixels, -1, 0 or 1, from the highest one of three values to the top of their parabola."""
     slope, curve = after - before, 2.0 * here - before - after
@@ -284,7 +285,7 @@ def _vertex(before, here, after):
     return 1 if slope > 0.0 else -1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _from_half(
     image, flat, norms, half, half_norms, values, at, template, scale, p, row, col, limits, reach,
     exclusion, least, work, room, places, heights, best,
@@ -327,7 +328,7 @@ def _from_half(
     return kept
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _rivals_of(
     image, flat, norms, half, half_norms, values, at, template, scale, p, row, col, reach,
     exclusion, coarse, least, work, room, places, heights, best,
@@ -357,7 +358,7 @@ def _rivals_of(
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _near(image, norms, template, scale, p, row, col, ring, starts, found, around, contrast):
     """Correlations of a template (`_map`) and contrasts at distances ring from (row, col), as in
     `rivals`; starts, found (8,): work arrays.
@@ -376,7 +377,7 @@ def _near(image, norms, template, scale, p, row, col, ring, starts, found, aroun
                 contrast[k] = 1.0 / (norms[r, c] * p) if norms[r, c] > 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def rivals(
     stack, norms, half, half_norms, least_norm, templates, which, origins, reach, exclusion, coarse,
     least, ring, out, spread, around, contrast,

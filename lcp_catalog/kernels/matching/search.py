@@ -10,8 +10,9 @@ correlation.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .correlation import FLAT, NOWHERE, bounds, centred, correlations, window
 from .maxima import maxima
@@ -31,7 +32,7 @@ _STEPS = 8
 """Greatest number of steps of an ascent."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _halved(values, mask, row_odd, col_odd):
     """A template at half resolution, on the 2 x 2 blocks of an image: means of the pixels under the
     mask, and the mask of blocks of which at least half is covered.
@@ -54,7 +55,7 @@ def _halved(values, mask, row_odd, col_odd):
     return small, inside
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _at(image, weight, template, mask, count, flat, row, col, least_real):
     """Correlation of a template with one window; `NOWHERE` if the window leaves the image or too
     few of its pixels are valid.
@@ -80,7 +81,7 @@ def _at(image, weight, template, mask, count, flat, row, col, least_real):
     return both / math.sqrt(variance) if variance > max(flat, 1e-12 * second) else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _climb(image, weight, template, mask, count, flat, row, col, limits, least_real):
     """Steepest ascent from (row, col), one pixel a step, within limits (first and last row and
     column).
@@ -112,7 +113,7 @@ def _climb(image, weight, template, mask, count, flat, row, col, limits, least_r
     return row, col, best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _choose(rows, cols, heights, exclusion, row, col, out):
     """Write the highest of the peaks and the highest one farther from it than ``exclusion`` into
     out.
@@ -127,7 +128,7 @@ def _choose(rows, cols, heights, exclusion, row, col, out):
             out[3] = heights[k] if math.isnan(out[3]) else max(out[3], heights[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _maxima(
     fine, fine_weight, half, half_weight, values, mask, template, count, row, col, limits, reach,
     least_real, coarse, places, heights,
@@ -171,7 +172,7 @@ def _maxima(
     return kept, real
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _find_template(
     fine,
     fine_weight,
@@ -212,7 +213,7 @@ def _find_template(
         _choose(places[:found, 0], places[:found, 1], heights[:found], exclusion, row, col, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def find_templates(
     fine,
     fine_weight,

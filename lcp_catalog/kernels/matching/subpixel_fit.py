@@ -5,8 +5,9 @@ covariance.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .point_spread import blurred, margin_for, unpack_drawing
 
@@ -31,7 +32,7 @@ no residual.
 _FEWEST = 12
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _solve3(a, b, c, d, e, f, r0, r1, r2):
     """Solution of the symmetric system [[a, b, c], [b, d, e], [c, e, f]] x = r; NaN when singular."""
     m00, m01, m02 = d * f - e * e, c * e - b * f, b * e - c * d
@@ -46,7 +47,7 @@ def _solve3(a, b, c, d, e, f, r0, r1, r2):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _weights(seen, weight, least, row0, col0, out):
     """Write the weight of each pixel of a template in the image into out (rows, cols). Return the
     sum of weights.
@@ -68,7 +69,7 @@ def _weights(seen, weight, least, row0, col0, out):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _centre(values, w, total):
     """Subtract the weighted mean from values (rows, cols), in place."""
     mean = 0.0
@@ -81,7 +82,7 @@ def _centre(values, w, total):
             values[r, c] -= mean
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _dot(a, b, w):
     total = 0.0
     for r in range(w.shape[0]):
@@ -90,7 +91,7 @@ def _dot(a, b, w):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _step(seen, light, w):
     """One Gauss-Newton step from a centred template, its slopes and the centred image: right, down,
     the gain, and the correlation before the step; NaN for a singular system or a gain that is not
@@ -109,7 +110,7 @@ def _step(seen, light, w):
     return right / gain, down / gain, gain, ti / math.sqrt(tt * ii)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _gather(image, row0, col0, seen, w, light, total):
     """Write the image's pixels of positive weight into light; subtract its mean, and those of the
     template and its slopes.
@@ -122,7 +123,7 @@ def _gather(image, row0, col0, seen, w, light, total):
     _centre(light, w, total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _fit(
     drawn, known, margin, sub, sigma, least, image, weight, row0, col0, start, seen, light, w, out
 ):
@@ -161,7 +162,7 @@ def _fit(
     return size < _LAST_STEP_PX
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 def _at_lag(w, rest, gx, gy, lag):
     """Sums over pairs of pixels that lie ``lag`` places apart: of weights, of residuals, and of the slopes' products xx,
     xy (both ways, halved), yy. Arrays (n,) as `_covariance` lays them out.
@@ -179,7 +180,7 @@ def _at_lag(w, rest, gx, gy, lag):
     return pairs, both, xx, 0.5 * xy, yy
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _covariance(seen, light, w, out):
     """Covariance of the shift, into out[3:6], the noise of a pixel, out[7], and pixels used,
     out[8].
@@ -244,7 +245,7 @@ def _covariance(seen, light, w, out):
     out[7], out[8], out[9] = math.sqrt(max(white, 0.0)), count, likeness
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def refine(fine, sub, sigma, least, image, weight, places, starts, whole, out):
     """Locate n drawings in an image to a fraction of a pixel, from whole pixels ``places`` (n, 2:
     column and row of the template's first pixel) and shifts ``starts`` (n, 2); out (n, `NUMBERS`),

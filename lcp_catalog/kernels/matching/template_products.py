@@ -7,8 +7,8 @@ reach as far, and be finite, as rows of a template do; nothing tests that.
 """
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from ..vectors import LANES, aligned, load, multiple, splat, splat_at, store_four, total
 
 _ROWS = 4
@@ -17,13 +17,13 @@ _FEW = LANES // 4
 """Greatest number of last columns of a map that are computed by themselves."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def row_length(pixels):
     """Places of a row of pixels in whole vectors."""
     return multiple(pixels, LANES)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def place_for(p):
     """Room for a template of p x p pixels, all 0: pixel (y, x) stands at (y + 2) `row_length` + x."""
     out = aligned((p + 4) * row_length(p))
@@ -31,7 +31,7 @@ def place_for(p):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def at_nine(template, p, image, wide, start, out):
     """Write the products of a template with the 3 x 3 windows from place ``start`` of an image (n,)
     with rows of ``wide`` pixels on into out (9,), row by row.
@@ -53,7 +53,7 @@ def at_nine(template, p, image, wide, start, out):
     out[6], out[7], out[8] = total(c0), total(c1), total(c2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def at_eight(template, p, image, wide, starts, out):
     """Write the products of a template with the windows that begin at eight places of the image into
     out (8,). Fewer places at once would wait for their sums.
@@ -71,7 +71,7 @@ def at_eight(template, p, image, wide, starts, out):
     out[4], out[5], out[6], out[7] = total(e), total(f), total(g), total(h)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _eight_rows(columns, p, image, wide, start, out, long, at):
     """Products at 8 rows x `LANES` places; columns (p, p): the template's columns, one behind the
     other.
@@ -95,7 +95,7 @@ def _eight_rows(columns, p, image, wide, start, out, long, at):
     store_four(out, at + 4 * long, long, e, f, g, h)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _four_rows(columns, p, image, wide, start, out, long, at):
     """Products at 4 rows x `LANES` places. Two of the template's columns at a time have sums of their
     own: each sum waits for the one before.
@@ -127,7 +127,7 @@ def _four_rows(columns, p, image, wide, start, out, long, at):
     store_four(out, at, long, a0 + b0, a1 + b1, a2 + b2, a3 + b3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _eight_below(template, p, image, wide, start, out):
     """Write the products of a template with the windows at eight places, one below the other,
     into out (8,).
@@ -151,14 +151,14 @@ def _eight_below(template, p, image, wide, start, out):
     out[4], out[5], out[6], out[7] = total(e), total(f), total(g), total(h)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def extent(p, ny, nx):
     """Rows and places of a row that `at_all` reads of the image, and those that it writes."""
     high, long = max(multiple(ny, _ROWS), 2 * _ROWS), row_length(nx)
     return high + p - 1, max(long + p - 1, nx - 1 + row_length(p)), high, long
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def at_all(template, p, image, ny, nx, out):
     """Write the products of a template with the windows at ny x nx places into out, in rows;
     image and out as in `extent`.

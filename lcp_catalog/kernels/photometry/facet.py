@@ -13,7 +13,8 @@ results are finite for any directions above the surface.
 import math
 
 import numpy as np
-from numba import njit
+
+from ..cache import njit
 
 NODES, INDEX_N, INDEX_K, AT_NORMAL = 0, 1, 2, 3
 """Number of nodes; complex refractive index; R(0)."""
@@ -43,7 +44,7 @@ directions are grazing and the facet's profile is perpendicular to them.
 """
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def reflectivity(n, k, cos_gamma, polarisation):
     """Fresnel's R of a facet at incidence gamma (paper, section 2); polarisation is D_P cos 2(xi -
     beta), 0 for natural light, 1 for light in the plane of incidence.
@@ -70,7 +71,7 @@ def reflectivity(n, k, cos_gamma, polarisation):
     return 0.5 * (parallel + square) + 0.5 * polarisation * (parallel - square)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def attenuation(law, cos_b, sin_b, cos_th, sin_th, cos_phi, sin_phi):
     """P(psi_B, theta, phi) / (cos psi_B cos theta), eq. (3): shadowing and masking of facets, over
     the cosines, so that it stays finite when either is 0; with it |s + v| = 2 cos gamma_B and the
@@ -102,7 +103,7 @@ def attenuation(law, cos_b, sin_b, cos_th, sin_th, cos_phi, sin_phi):
     return apart + together * math.sqrt(a * b * (shadow * a) * (mask * b)), length, level
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def directional(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi):
     """The directional lobe of the brightness coefficient: first term of eq. (1), over cos theta.
 
@@ -130,7 +131,7 @@ def directional(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi):
     return row[W_B] * lobe * fresnel / law[AT_NORMAL] * shaded
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def diffuse(row, cos_th, sin_th, cos_phi, sin_phi):
     """The diffuse lobe of the intensity: w_D S_(+)(alpha_D, sigma_D), section 4.
 
@@ -148,7 +149,7 @@ def diffuse(row, cos_th, sin_th, cos_phi, sin_phi):
     return row[W_D] * scale * cos_a / (1.0 + (scale - 1.0) * cos_a * cos_a)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def parameters(law, cos_psi):
     """The six parameters at an incidence, a tuple: piecewise cubic Hermite over cos(incidence), eq.
     (5) (printed there with the nodes in place of the values); constant beyond the first and last
@@ -178,20 +179,20 @@ def parameters(law, cos_psi):
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _hermite(law, at, n, rise, leave, arrive):
     value, after = law[at], law[at + 1]
     return value + rise * (after - value) + leave * law[at + n] + arrive * law[at + n + 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def brightness(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi):
     """Brightness coefficient r of eq. (2) at cos theta > 0, for given parameters."""
     lobe = directional(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, sin_phi)
     return lobe + diffuse(row, cos_th, sin_th, cos_phi, sin_phi) / cos_th
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def intensities(law, row, psi, theta, phi, out):
     """Write I_rel of eq. (1) into out (n,), for directions theta, phi (n,), radians, at one
     incidence psi with its six parameters.
@@ -204,7 +205,7 @@ def intensities(law, row, psi, theta, phi, out):
         out[m] = lobe * cos_th + diffuse(row, cos_th, sin_th, cos_phi, sin_phi)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def misfit(law, row, psi, directions, data):
     """Relative error of I_rel, eq. (4), for directions (n, 4): cosine and sine of theta, then of
     phi, and the intensities measured there (n,).
@@ -221,7 +222,7 @@ def misfit(law, row, psi, directions, data):
     return math.sqrt(missed / whole)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def curve_length(x, y, intervals):
     """Length, eq. (6), over 0..1 of the shape-preserving cubic through (x, y), x rising within it,
     constant beyond the ends; by `intervals` chords.
@@ -235,7 +236,7 @@ def curve_length(x, y, intervals):
     return length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def hermite(x, y, slopes, at):
     """Value of a piecewise cubic, eq. (5), constant beyond its ends."""
     n = x.shape[0]
@@ -251,7 +252,7 @@ def hermite(x, y, slopes, at):
     return y[j] + t * t * (3.0 - 2.0 * t) * (y[j + 1] - y[j]) + bend
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def pchip_slopes(x, y):
     """Slopes of the shape-preserving cubic through the points (n,), x rising: Fritsch and Butland's
     weighted harmonic mean (1984), which lies in Fritsch and Carlson's region of monotony (1980),
@@ -276,7 +277,7 @@ def pchip_slopes(x, y):
     return slopes
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _end_slope(h0, h1, step0, step1):
     rise0, rise1 = step0 / h0, step1 / h1
     slope = ((2.0 * h0 + h1) * rise0 - h0 * rise1) / (h0 + h1)
@@ -287,7 +288,7 @@ def _end_slope(h0, h1, step0, step1):
     return slope
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def held_brightness(law, row, cos_psi, sin_psi, cos_th, cos_phi):
     """Brightness of unsigned directions, constant beyond the law's largest emission; for polarised
     light the mean of both sides of the plane of incidence.
@@ -301,7 +302,7 @@ def held_brightness(law, row, cos_psi, sin_psi, cos_th, cos_phi):
     return 0.5 * (one + brightness(law, row, cos_psi, sin_psi, cos_th, sin_th, cos_phi, -sin_phi))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def hemisphere(law, cos_psi, mu, weight, azimuths):
     """1/pi times the integral of held brightness times cos theta over the hemisphere: 1 for r = 1.
 
@@ -316,7 +317,7 @@ def hemisphere(law, cos_psi, mu, weight, azimuths):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def around_normal(law, mu, azimuths, out):
     """Write the mean over azimuth of `held_brightness` at normal incidence into out (n,), for
     emissions mu.
@@ -326,7 +327,7 @@ def around_normal(law, mu, azimuths, out):
         out[k] = _around(law, row, 1.0, 0.0, mu[k], azimuths)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _around(law, row, cos_psi, sin_psi, mu, azimuths):
     ring = 0.0
     for m in range(azimuths):
@@ -336,13 +337,13 @@ def _around(law, row, cos_psi, sin_psi, mu, azimuths):
     return ring / azimuths
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def scale(law, cos_psi):
     """Factor of a law's brightness at an incidence."""
     return _looked_up(law, HEAD + 13 * int(law[NODES]), cos_psi)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _looked_up(law, start, cosine):
     """Value of a table at a cosine, linear between entries."""
     x = math.sqrt(max(1.0 - cosine, 0.0)) * (TABLE - 1)
@@ -351,7 +352,7 @@ def _looked_up(law, start, cosine):
     return law[start + k] + share * (law[start + k + 1] - law[start + k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def facet_factor(law, mu0, mu, cos_g):
     """I/F of a lit facet: scale(incidence) x brightness x mu0; mu0, mu, cos_g are the cosines of
     incidence, emission and true phase.

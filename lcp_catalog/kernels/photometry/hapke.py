@@ -9,7 +9,7 @@ and phase.
 
 import math
 
-from numba import njit
+from ..cache import njit
 
 W, B, C, B_S0, H_S, B_C0, H_C, POROSITY, COT, CHI, R0, SCALE = range(12)
 """Indices in a law: single-scattering albedo; the two of the Henyey-Greenstein function; amplitude
@@ -24,7 +24,7 @@ _TINY = 1e-30  # lower limit of cosines and sines, so that quotients have their 
 _GONE = 700.0  # exp(-700) is negligible
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def hapke_terms(law, cos_g):
     """The terms that depend on the phase alone: p(g) (1 + B_S(g)), and K w/4 (1 + B_C(g))
     times the factor of the whole.
@@ -50,7 +50,7 @@ def hapke_terms(law, cos_g):
     return lobes * (1.0 + hiding), 0.25 * law[POROSITY] * law[W] * (1.0 + coherent) * law[SCALE]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def hapke_factor(law, terms, mu0, mu, cos_g):
     """I/F of a facet with mu0 > 0; a facet seen from behind counts as seen edge-on.
 
@@ -88,7 +88,7 @@ def hapke_factor(law, terms, mu0, mu, cos_g):
     return terms[1] * (terms[0] + multiple) * mu0 * seen * mu_a * mu_b / (mu_a + mu_b)
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def h_function(x, w, r0):
     """Chandrasekhar's H for isotropic scatterers, Hapke's second approximation (2002, eq. 13),
     within 1 %; x > 0.
@@ -96,6 +96,6 @@ def h_function(x, w, r0):
     return 1.0 / (1.0 - w * x * (r0 + (0.5 - r0 * x) * math.log1p(1.0 / x)))
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def _sine(cosine):
     return math.sqrt(max((1.0 - cosine) * (1.0 + cosine), 0.0))

@@ -10,8 +10,8 @@ plane, is computed in double precision.
 import math
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from ..elementary import exp_lane, gap_lane, log_lane
 from .hapke import CHI, COT, POROSITY, R0, W
 
@@ -38,7 +38,7 @@ _ACOS = tuple(
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+@njit(nogil=True, error_model="numpy", fastmath=_FLAGS)
 def hapke_lanes(law, terms, mu0, mu, n, cos_g, work, out):
     """Write I/F, float32, of the first n nodes, lit and visible (mu0, mu float64, above 0), into
     out; work (6, m) float32.
@@ -53,7 +53,7 @@ def hapke_lanes(law, terms, mu0, mu, n, cos_g, work, out):
         out[k] *= _F(mu0[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+@njit(nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _prepare(mu0, mu, n, cos_g, work):
     """Write larger and smaller cosine, their squared sines, sin^2 and cos^2 of half the azimuth
     into work.
@@ -72,7 +72,7 @@ def _prepare(mu0, mu, n, cos_g, work):
         work[4, k], work[5, k] = 0.5 - 0.5 * cos_psi, 0.5 + 0.5 * cos_psi
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=_FLAGS)
+@njit(nogil=True, error_model="numpy", fastmath=_FLAGS)
 def _combine(work, n, numbers, cot, chi, out):
     """Write I/F divided by mu0 into out; names as in `hapke.hapke_factor`."""
     single, scale, w, r0, inverse_k = numbers

@@ -9,8 +9,8 @@ read in order. sun, camera (3,): unit vectors from the surface. Cosines are doub
 import math
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from ..elementary import exp_lane, log_lane
 from .hapke_simd import hapke_lanes
 from .laws import HAPKE, LUNAR_LAMBERT, MINNAERT, phase_terms, radiance_factor
@@ -35,7 +35,7 @@ _ATAN = (
 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def shade_nodes(planes, sun, camera, dark, unseen, code, law):
     """Radiance factor, float32 (rows, cols).
 
@@ -64,7 +64,7 @@ def shade_nodes(planes, sun, camera, dark, unseen, code, law):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def differences(radiance, east, south, inverse, factors, out):
     """Write radiance (rows, cols), and the differences of east and south from it times ``inverse``, all
     times factors (rows, cols), or (1, 1) of 1, into out (3, rows, cols). Differences are 0 where a
@@ -88,7 +88,7 @@ def differences(radiance, east, south, inverse, factors, out):
     return missing == _ZERO
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def terms_of_nodes(sun, cameras, code, law):
     """`phase_terms` float32 (2, rows, cols) of nodes with their own directions to the camera, float32
     (3, rows, cols), for the laws up to LUNAR_LAMBERT.
@@ -105,7 +105,7 @@ def terms_of_nodes(sun, cameras, code, law):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def shade_nodes_from(planes, sun, cameras, dark, unseen, terms):
     """`shade_nodes` of nodes with their own directions to the camera, float32 (3, rows, cols), and
     their own ``terms`` (`terms_of_nodes`).
@@ -127,7 +127,7 @@ def shade_nodes_from(planes, sun, cameras, dark, unseen, terms):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def add_light(radiance, planes, sun, camera, weight, code, law):
     """Add to radiance (rows, cols) float32 the radiance factor times weight (rows, cols) float32:
     the light's irradiance, and the share of it that arrives. Nodes that face away from the light or
@@ -150,7 +150,7 @@ def add_light(radiance, planes, sun, camera, weight, code, law):
                 run[k] += share[k] * factor[k] if wanted[k] else _ZERO
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def angles_deg(planes, direction, out, faces):
     """Write the angle between the nodes' normals and a unit vector (3,), degrees, into out (rows,
     cols) float32, and True where it is below 90 deg into faces; NaN and False without a normal.
@@ -179,7 +179,7 @@ def angles_deg(planes, direction, out, faces):
             face[k] = along > 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _mixture_image(planes, sun, camera, dark, unseen, terms, out):
     """`shade_nodes` for Lommel-Seeliger, Lambert and their mixtures."""
     seeliger, lambert = _F(terms[0]), _F(terms[1])
@@ -197,13 +197,13 @@ def _mixture_image(planes, sun, camera, dark, unseen, terms, out):
             run[k] = lit if (mu > 0.0) & (not hidden[k]) else _NAN
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _phase(sun, camera):
     """Cosine of the phase angle."""
     return min(1.0, max(-1.0, sun[0] * camera[0] + sun[1] * camera[1] + sun[2] * camera[2]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _scratch():
     """Work arrays of a run: cosines, mask of the nodes to be shaded, and for Hapke's law: packed
     cosines, their indices, six rows of numbers, the factors.
@@ -213,7 +213,7 @@ def _scratch():
     return np.empty(_RUN), np.empty(_RUN), np.empty(_RUN, np.bool_), (packed, places, work, factor)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _dots(planes, row, start, n, sun, camera, mu0, mu):
     """Write the cosines of incidence and emission of a run into mu0 and mu."""
     x, y, z = planes[0, row], planes[1, row], planes[2, row]
@@ -225,7 +225,7 @@ def _dots(planes, row, start, n, sun, camera, mu0, mu):
         mu[k] = nx * cx + ny * cy + nz * cz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _shade(code, law, terms, cos_g, mu0, mu, wanted, n, scratch, out):
     """Write the radiance factors of a run into out; 0 where not ``wanted``."""
     if code <= LUNAR_LAMBERT:
@@ -241,7 +241,7 @@ def _shade(code, law, terms, cos_g, mu0, mu, wanted, n, scratch, out):
                 out[k] = radiance_factor(code, law, terms, mu0[k], mu[k], cos_g)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _shade_mixture(terms, mu0, mu, wanted, n, out):
     seeliger, lambert = _F(terms[0]), _F(terms[1])
     for k in range(n):
@@ -249,7 +249,7 @@ def _shade_mixture(terms, mu0, mu, wanted, n, out):
         out[k] = seeliger * (a / (a + b)) + lambert * a if wanted[k] else _ZERO
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(nogil=True, error_model="numpy", fastmath={"contract"})
 def _shade_minnaert(law, mu0, mu, wanted, n, out):
     albedo, power, floor = _F(law[0]), _F(1.0 - law[1]), _F(law[2])
     for k in range(n):
@@ -258,7 +258,7 @@ def _shade_minnaert(law, mu0, mu, wanted, n, out):
         out[k] = albedo * a / exp_lane(power * both) if wanted[k] else _ZERO
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _shade_hapke(law, terms, cos_g, mu0, mu, wanted, n, scratch, out):
     packed, places, work, factor = scratch
     count = 0

@@ -8,8 +8,8 @@ sources.
 import math
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from .facet import facet_factor
 from .hapke import hapke_factor, hapke_terms
 
@@ -24,7 +24,7 @@ DISC_NUMBERS = 14
 """Count of numbers of a Lommel-Seeliger law that has the phase function of a measured disc."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def phase_terms(code, law, cos_g):
     """The two terms of a law that depend on the phase alone; computed once for a scene with
     parallel light and view.
@@ -43,7 +43,7 @@ def phase_terms(code, law, cos_g):
     return 0.25 * law[0], 0.0
 
 
-@njit(cache=True, nogil=True, inline="always", error_model="numpy")
+@njit(nogil=True, inline="always", error_model="numpy")
 def radiance_factor(code, law, terms, mu0, mu, cos_g):
     """I/F of a lit and visible facet; mu0, mu, cos_g are the cosines of incidence, emission and
     phase, law (n,) the law's numbers, terms its `phase_terms`.
@@ -62,7 +62,7 @@ def radiance_factor(code, law, terms, mu0, mu, cos_g):
     return hapke_factor(law, terms, mu0, mu, cos_g)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def mixture(cos_g):
     """Share of Lommel-Seeliger in the lunar-Lambert law (McEwen 1996): a cubic in degrees that
     falls from 1 at 0 to 0 at 104, and is 0 beyond.
@@ -71,7 +71,7 @@ def mixture(cos_g):
     return max(0.0, 1.0 + g * (-0.019 + g * (0.242e-3 - 1.46e-6 * g)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def two_lobes(law, cos_g):
     """Phase function of Yokota et al. (2011): (1 + B0 / (1 + tan(g/2) / h)) times a double
     Henyey-Greenstein function; law[1:5] is B0, h, c, asymmetry. As in their code, (1 - c)/2 is
@@ -85,7 +85,7 @@ def two_lobes(law, cos_g):
     return (1.0 + opposition) * (1.0 - b * b) * (backward + forward)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def even_sphere(law, cos_g):
     """Lommel-Seeliger's factor with which a sphere has the measured brightness of the Moon's disc.
 
@@ -107,7 +107,7 @@ def even_sphere(law, cos_g):
     return 2.0 * math.exp(log_a) / (1.0 + dimming)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def factors(mu0, mu, cos_g, code, law):
     """Radiance factors (n,) of facets from their cosines, each (n,)."""
     out = np.empty(mu0.size)
@@ -117,7 +117,7 @@ def factors(mu0, mu, cos_g, code, law):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def shade_points(normals, sun, cameras, lit, seen, code, law):
     """Radiance factor, incidence, emission and phase (radians), float64 (n,) each, of points with
     their own view.
@@ -145,7 +145,7 @@ def shade_points(normals, sun, cameras, lit, seen, code, law):
     return radiance, incidence, emission, phase
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def radiance_of_points(normals, sun, cameras, lit, code, law):
     """Radiance factor alone, float64 (n,), of visible points: 0 where not lit, NaN without a
     normal. Shapes as in `shade_points`.
@@ -160,25 +160,25 @@ def radiance_of_points(normals, sun, cameras, lit, code, law):
     return radiance
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _radiance(normal, sun, camera, code, law):
     cos_g = _cosine(sun, camera)
     terms = phase_terms(code, law, cos_g)
     return radiance_factor(code, law, terms, _dot(normal, sun), _dot(normal, camera), cos_g)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _cosine(a, b):
     """Cosine of the angle between unit vectors, within -1 and 1."""
     return min(1.0, max(-1.0, _dot(a, b)))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _angle(a, b):
     """Angle between two vectors of any length, radians; accurate to the last bits at 0 and pi,
     unlike acos.

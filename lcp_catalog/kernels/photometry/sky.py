@@ -1,8 +1,9 @@
 """Sum of the radiance of many parallel lights on nodes and on points between them."""
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .images import add_light
 from .laws import phase_terms, radiance_factor
@@ -10,12 +11,12 @@ from .laws import phase_terms, radiance_factor
 _BAND_ROWS = 16
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _phases(directions, camera, code, law):
     """Cosine of the phase and the law's phase terms, (k, 3), of lights seen from one camera."""
     out = np.empty((directions.shape[0], 3))
@@ -25,7 +26,7 @@ def _phases(directions, camera, code, law):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add_to_band(planes, camera, directions, dark, irradiance, code, law, out):
     weight = np.empty(out.shape, np.float32)
     for k in range(directions.shape[0]):
@@ -35,7 +36,7 @@ def _add_to_band(planes, camera, directions, dark, irradiance, code, law, out):
         add_light(out, planes, directions[k], camera, weight, code, law)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def add_to_planes(planes, camera, directions, dark, irradiance, code, law, out):
     """`add_to_nodes` under one view, in single precision and several times as fast: planes
     (3, rows, cols) as in `images`, camera (3,), dark (k, rows, cols), out (rows, cols) float32.
@@ -60,7 +61,7 @@ def add_to_planes(planes, camera, directions, dark, irradiance, code, law, out):
     all_done(done, bands)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _on_node(n, normal, camera, directions, phases, dark, code, law):
     """Sum of the radiance factors of node n under the lights that reach it."""
     total, mu = 0.0, _dot(normal, camera)
@@ -72,7 +73,7 @@ def _on_node(n, normal, camera, directions, phases, dark, code, law):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def add_to_nodes(normals, cameras, directions, dark, irradiance, code, law, out):
     """Add to out (n,) the radiance under lights of one irradiance from ``directions`` (k, 3).
 
@@ -91,7 +92,7 @@ def add_to_nodes(normals, cameras, directions, dark, irradiance, code, law, out)
     all_done(done, out.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _on_point(u, v, normal, camera, directions, dark, code, law):
     """The sum at a point at column u, row v, with the occlusion of the nodes of its triangle."""
     j = min(max(int(u), 0), dark.shape[2] - 2)
@@ -110,7 +111,7 @@ def _on_point(u, v, normal, camera, directions, dark, code, law):
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def add_to_points(u, v, normals, cameras, directions, dark, irradiance, code, law, out):
     """`add_to_nodes` for points (n,) of cells, u columns and v rows from the first node of dark
     (k, rows, cols), each with its camera (n, 3); the visible share of a light is interpolated

@@ -8,8 +8,9 @@ units as in `tracing`.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .surface import node_exists, surface_height
 from .tracing import NEVER, UNDERGROUND_M, blocked, inverse_of, met
@@ -34,7 +35,7 @@ ON_GRID = 1e-9
 """Distance, in cells, within which a position lies on a grid line or diagonal."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def scaled(du, dv, dz):
     """A ray scaled to max(|du|, |dv|) = 1, and the factor; a direction that differs from an axis or
     a diagonal only by rounding is put on it.
@@ -59,7 +60,7 @@ def scaled(du, dv, dz):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def on_grid(u, v):
     """A position moved onto the grid line or diagonal from which it differs only by rounding."""
     if abs(u - round(u)) < ON_GRID:
@@ -75,7 +76,7 @@ def on_grid(u, v):
     return u, v
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _enter(rows, cols, ou, ov, du, dv):
     """Parameters s >= 0 between which a ray is over the raster; the first is greater if it never
     is.
@@ -91,7 +92,7 @@ def _enter(rows, cols, ou, ov, du, dv):
     return first, last
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _spread(k, bands):
     """Index of the k-th band to process: successive bands lie a golden section apart, so that every
     thread's share contains all kinds of terrain.
@@ -102,7 +103,7 @@ def _spread(k, bands):
     return (k * step) % bands
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
     """Write True into out for nodes of the window where the surface rises above their ray; nodata:
     False. (du, dv) must not both be 0.
@@ -133,7 +134,7 @@ def occluded_nodes(z, holes, pyramid, summit, du, dv, dz, window, out):
     all_done(done, bands)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz):
     """True if the surface rises above the segment from a node to a camera that is not below the
     surface.
@@ -159,7 +160,7 @@ def _hidden(z, holes, pyramid, summit, i, j, cu, cv, cz):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
     """Write True into out for nodes of the window where the surface rises above the segment to the
     camera; nodata: False.
@@ -180,7 +181,7 @@ def occluded_nodes_from(z, holes, pyramid, summit, cu, cv, cz, window, out):
     all_done(done, bands)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
     u, v = on_grid(u, v)
     ground = surface_height(z, u, v)
@@ -202,7 +203,7 @@ def _point_blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz):
     return blocked(z, holes, pyramid, summit, u, v, oz, du, dv, dz, NEVER, NODE_LEVEL)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
     """Write True into out (n,) for points where the surface rises above their ray; NaN: False."""
     done = 0
@@ -215,7 +216,7 @@ def occluded_points(z, holes, pyramid, summit, u, v, above, du, dv, dz, out):
     all_done(done, u.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _across(start, rate, inverse, limit):
     """Parameters between which a ray is between 0 and ``limit`` of an axis; NEVER, -NEVER if it
     never is.
@@ -227,7 +228,7 @@ def _across(start, rate, inverse, limit):
     return low, high
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd):
     """A camera ray in cell units from the point where it is over the raster and below the summit:
     (du, dv, dz, their inverses, length, first, u, v, z).
@@ -251,7 +252,7 @@ def approach(rows, cols, summit, ou, ov, oz, east, north, up, gsd):
     return du, dv, dz, inverse_u, inverse_v, inverse_z, longest / gsd, first, u, v, height
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def hit_from(
     z, holes, pyramid, summit, oz, clear,
     du, dv, dz, inverse_u, inverse_v, inverse_z, length, first, u, v, height,
@@ -279,7 +280,7 @@ def hit_from(
     return (first + s) / length if s >= 0.0 else math.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     """First hits of rays along ENU directions (n, 3) of any length from one point, each ray by
     itself; the reference for `camera_tiles.first_hits`.

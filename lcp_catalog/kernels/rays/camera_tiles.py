@@ -18,8 +18,9 @@ a ray does not change the result by a single bit.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .bundles import approach, hit_from, on_grid
 from .tracing import NEVER, PATIENCE, UNDERGROUND_M, entered, inverse_of, met, met_in_cell
@@ -42,7 +43,7 @@ SMALL_CELLS, SMALL = 1e-6, 1e-12
 """
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _cone(directions, gsd, i0, i1, j0, j1):
     """Least and greatest cells east, then south, per metre of fall, of the rays that fall; an empty
     range (inf, -inf) if none falls.
@@ -59,7 +60,7 @@ def _cone(directions, gsd, i0, i1, j0, j1):
     return a0, a1, b0, b1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _highest(pyramid, u0, u1, v0, v1):
     """Upper bound of the highest node of the cells that a box of positions touches; -inf off the
     raster.
@@ -84,7 +85,7 @@ def _highest(pyramid, u0, u1, v0, v1):
     return np.float64(found)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _clear_height(pyramid, ou, ov, oz, cone, height):
     """Height down to which no terrain lies above any ray of the cone, lowered from one
     (``height``).
@@ -120,7 +121,7 @@ def _clear_height(pyramid, ou, ov, oz, cone, height):
     return height
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, queue):
     """Write `approach` of every ray of a tile into queue (11, rays), without branches, so that the
     compiler processes several rays at once.
@@ -139,7 +140,7 @@ def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, q
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _start(z, summit, clear, queue, count, place, walk, alive):
     """Put the rays that enter from above and are clear down to ``clear`` into their first cells:
     row and column into place (2, rays), parameter into walk (2, rays), indices into alive. Return
@@ -168,7 +169,7 @@ def _start(z, summit, clear, queue, count, place, walk, alive):
     return walking
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _walk(z, queue, place, walk, alive, walking):
     """Move every walking ray on by one cell: walk[1] is the parameter of its hit there, else -1.
     Return the number of rays that walk on.
@@ -204,7 +205,7 @@ def _walk(z, queue, place, walk, alive, walking):
     return on
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _tile_solid(
     z, pyramid, summit, oz, clear, queue, place, walk, alive, out,
     i0, i1, j0, j1,
@@ -239,7 +240,7 @@ def _tile_solid(
             k += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
     """`_tile_solid` for a raster with nodata: a copy, so that the compiler makes a function of
     each.
@@ -255,7 +256,7 @@ def _tile_holed(z, pyramid, summit, oz, clear, queue, out, i0, i1, j0, j1):
             k += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _block(
     z,
     holes,
@@ -313,7 +314,7 @@ def _block(
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def first_hits(z, holes, pyramid, summit, ou, ov, oz, gsd, directions, out):
     """Write the first hits of rays along ENU directions (rows, cols, 3) from one point into out
     (rows, cols): `bundles.first_hits`, faster if neighbours in the array have similar directions.

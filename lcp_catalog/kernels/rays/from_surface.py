@@ -2,15 +2,16 @@
 
 import math
 
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .bundles import NODE_LEVEL, on_grid, scaled
 from .surface import surface_height
 from .tracing import inverse_of, met
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def meetings(z, holes, pyramid, summit, gsd, u, v, directions, out):
     """Write into out (n,) the range, in units of their ENU directions (n, 3), at which rays from the
     surface at column u, row v first meet the surface; NaN without any, for vertical rays, and where

@@ -11,15 +11,16 @@ steepest slope so far are skipped.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .bundles import NODE_LEVEL, ON_SURFACE_M, on_grid
 from .surface import surface_height
 from .tracing import NEVER, child_at, edge_at, first_cell, inverse_of, unit
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _moved_clear(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
     z, holes, turns, pyramid, summit, ou, ov, du, dv, base, rate, enough
 ):
@@ -86,22 +87,22 @@ def _moved_clear(  # noqa: C901, PLR0912, PLR0915  (one loop, kept in registers)
     return rate if turns else base
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough):
     return _moved_clear(z, False, True, pyramid, summit, ou, ov, du, dv, oz, best, enough)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _steepest_holed(z, pyramid, summit, ou, ov, oz, du, dv, best, enough):
     return _moved_clear(z, True, True, pyramid, summit, ou, ov, du, dv, oz, best, enough)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _lifted_holed(z, pyramid, summit, ou, ov, du, dv, lowest, rate):
     return _moved_clear(z, True, False, pyramid, summit, ou, ov, du, dv, lowest, rate, NEVER)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def steepest(z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough):
     """The horizon's slope, clipped to ``best``..``enough``."""
     if holes:
@@ -109,7 +110,7 @@ def steepest(z, holes, pyramid, summit, ou, ov, oz, du, dv, best, enough):
     return min(_steepest_solid(z, pyramid, summit, ou, ov, oz, du, dv, best, enough), enough)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def shadow_heights(z, pyramid, summit, u, v, du, dv, rates, heights):
     """Raise ``heights`` (k, n) to the height of the surface's shadow over places (n,) inside the
     raster, under parallel rays that climb by ``rates`` (k,) metres per unit of (du, dv).
@@ -124,7 +125,7 @@ def shadow_heights(z, pyramid, summit, u, v, du, dv, rates, heights):
     all_done(done, u.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
     """Write the horizons of nodes (n,) in the planes (k, 4) du, dv, best, enough into out (n, k),
     metres per unit of s; ``best`` at nodata.
@@ -144,7 +145,7 @@ def node_horizons(z, holes, pyramid, summit, rows, cols, planes, out):
     all_done(done, rows.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _onto_surface(z, u, v, oz):
     """A point moved onto the surface if it is within 1 mm, and onto a grid line beside it (as in
     `bundles`); its height is NaN off the raster and infinite below the surface.
@@ -156,7 +157,7 @@ def _onto_surface(z, u, v, oz):
     return u, v, math.inf if ground > oz else oz
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
     """`node_horizons` of points (n,) over the raster: ``enough`` for those below the surface,
     ``best`` for NaN and those off the raster.
@@ -179,7 +180,7 @@ def point_horizons(z, holes, pyramid, summit, u, v, heights, planes, out):
     all_done(done, u.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
     """Write the flux of a disc above the horizons (n, k) of its k strips into out (n,).
 
@@ -204,7 +205,7 @@ def flux_above(slopes, tangents, sine, cosine, radius, tables, out):
     all_done(done, slopes.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def rim_nodes(z, window, out):
     """Write True into out for nodes of a window with a height and a neighbour without one: the
     raster's border and the rims of holes, where a horizon may be discontinuous in azimuth.

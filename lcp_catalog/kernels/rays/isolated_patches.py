@@ -3,15 +3,16 @@
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .max_pyramid import extremes
 from .surface import node_exists
 from .tracing import NEVER, blocked
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _without_levels(rows, cols):
     """A pyramid without levels: a patch is small, so every ray walks its cells one by one."""
     return (
@@ -22,7 +23,7 @@ def _without_levels(rows, cols):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _trace_part(part, du, dv, dz, row, col, out):
     """Write the occlusion of the nodes of one patch into out, from (row, col) on."""
     rows, cols = part.shape
@@ -42,7 +43,7 @@ def _trace_part(part, du, dv, dz, row, col, out):
                 )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def occluded_alone(z, rows, cols, half, du, dv, dz, out):
     """Set out (n, size, size), initially False, to True for nodes of each patch where the patch
     itself rises above their ray.
@@ -58,7 +59,7 @@ def occluded_alone(z, rows, cols, half, du, dv, dz, out):
     all_done(done, rows.size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _shadowed_from_outside(z, planes, dark, corner, at, size, rays, suns, cast):
     """One patch of `shadowed_from_outside`: its first node is at (row, column) ``at`` of the window,
     whose own first node is at ``corner`` of the raster.
@@ -85,7 +86,7 @@ def _shadowed_from_outside(z, planes, dark, corner, at, size, rays, suns, cast):
                     )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def shadowed_from_outside(z, planes, dark, corner, rows, cols, half, rays, suns, cast):
     """Set cast (k, n, size, size), initially False, to True for the nodes of each patch that are
     dark in direction k and face it, and that the patch itself does not occlude.

@@ -8,8 +8,9 @@ besides 4 for the heights.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 
 LOWEST = np.float32(-np.inf)
@@ -38,7 +39,7 @@ def build_pyramid(z):
     return levels, offsets, widths, heights
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def _first_level(z, out):
     """Write the highest of the 3 x 3 nodes around each odd node into out; fewer nodes at the far
     borders.
@@ -56,7 +57,7 @@ def _first_level(z, out):
     all_done(done, out.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def _halve(below, out):
     done = 0
     for i in prange(out.shape[0]):
@@ -70,7 +71,7 @@ def _halve(below, out):
     all_done(done, out.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def extremes(z):
     """(lowest, highest, True if any is NaN) of a raster; (inf, -inf, True) if all are NaN."""
     low, high, holes = np.float32(np.inf), LOWEST, False

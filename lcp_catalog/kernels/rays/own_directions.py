@@ -6,15 +6,16 @@ Rays and units as in `tracing`.
 
 import math
 
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .bundles import NODE_LEVEL, approach, hit_from, on_grid, scaled
 from .surface import node_exists
 from .tracing import NEVER, blocked
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def occluded_nodes(z, holes, pyramid, summit, gsd, directions, window, out):
     """Write True into out for nodes of the window where the surface rises above the ray along their
     ENU direction (rows, cols, 3); nodata and directions with NaN: False.
@@ -39,7 +40,7 @@ def occluded_nodes(z, holes, pyramid, summit, gsd, directions, window, out):
     all_done(done, row1 - row0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def first_hits(z, holes, pyramid, summit, origins, gsd, directions, out):
     """Write the first hits of rays along ENU directions (rows, cols, 3) into out (rows, cols), those of a
     row from its own point of ``origins`` (rows, 3): `bundles.first_hits`.

@@ -11,8 +11,9 @@ is.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 
 SNAP = 1e-10
@@ -21,7 +22,7 @@ holes.
 """
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def triangle_exists(z, i, j, upper):
     """True if cell (i, j) is inside the raster and its upper (or lower) triangle has all three
     heights.
@@ -32,7 +33,7 @@ def triangle_exists(z, i, j, upper):
     return not (math.isnan(z[i, j]) or math.isnan(z[i + 1, j + 1]) or math.isnan(third))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def node_exists(z, i, j):
     """True if any of the six triangles around a node exists."""
     return (
@@ -45,7 +46,7 @@ def node_exists(z, i, j):
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def edge_exists(z, i, j, i2, j2):
     """True if the edge from (i, j) to its east, south or south-east neighbour (i2, j2) belongs to a
     triangle on either side.
@@ -57,7 +58,7 @@ def edge_exists(z, i, j, i2, j2):
     return triangle_exists(z, i, j, True) or triangle_exists(z, i, j, False)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def edge_height(z, i, j, i2, j2, f):
     """Height of an edge at the share f of its length, float64."""
     start, end = np.float64(z[i, j]), np.float64(z[i2, j2])
@@ -66,7 +67,7 @@ def edge_height(z, i, j, i2, j2, f):
     )  # exact at both ends, and along a level edge
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def edge_height_careful(z, i, j, i2, j2, f):
     """`edge_height` where nodes may be missing: NaN unless the edge exists, or the node at which
     the crossing lies.
@@ -80,7 +81,7 @@ def edge_height_careful(z, i, j, i2, j2, f):
     return edge_height(z, i, j, i2, j2, f)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def facet_height(z, i, j, x, y):
     """Height in cell (i, j) at x, y in 0..1 from its north-west corner; NaN if a node of the facet
     is missing.
@@ -93,7 +94,7 @@ def facet_height(z, i, j, x, y):
     return z00 + (z10 - z00) * y + (z11 - z10) * x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def surface_height(z, u, v):
     """Height of the surface at (u, v), float64; NaN outside the raster and where no triangle
     exists.
@@ -115,7 +116,7 @@ def surface_height(z, u, v):
     return facet_height(z, i, j, x, y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def stretch_exists(z, i, j, x, y):
     """True if the stretch of a ray whose middle lies at (x, y) in cell (i, j) runs over, or along
     the edge of, an existing triangle.
@@ -133,7 +134,7 @@ def stretch_exists(z, i, j, x, y):
     return triangle_exists(z, i, j, x > y)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def stretch_height(z, i, j, x, y, mid_x, mid_y):  # noqa: PLR0911
     """Height at (x, y), the end of a stretch, on the triangle or edge at its middle (mid_x, mid_y);
     along an edge only edge heights are used.
@@ -156,7 +157,7 @@ def stretch_height(z, i, j, x, y, mid_x, mid_y):  # noqa: PLR0911
     return z00 + (z10 - z00) * y + (z11 - z10) * x
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def existing_nodes(z, window, out):
     """Write True into out for nodes of a window that belong to an existing triangle."""
     row0, row1, col0, col1 = window
@@ -168,7 +169,7 @@ def existing_nodes(z, window, out):
     all_done(done, row1 - row0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def heights_at(z, u, v):
     """Surface heights, float64 (n,), at positions (n,)."""
     out = np.empty(u.size)
@@ -180,7 +181,7 @@ def heights_at(z, u, v):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def _slope(before, here, after):
     """Rise per cell from central differences, one-sided where a neighbour is missing, NaN where
     both are.
@@ -192,7 +193,7 @@ def _slope(before, here, after):
     return 0.5 * (after - before)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def node_normal(z, gsd, i, j):
     """Unit ENU normal of a node; NaN where the node has no height, or no neighbour on an axis."""
     rows, cols = z.shape
@@ -207,7 +208,7 @@ def node_normal(z, gsd, i, j):
     return x * inverse, y * inverse, inverse
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def normals(z, gsd, row0, col0, out):
     """Write the node normals of the window at (row0, col0) into out (rows, cols, 3) float32."""
     done = 0
@@ -218,7 +219,7 @@ def normals(z, gsd, row0, col0, out):
     all_done(done, out.shape[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _add_normal(z, gsd, i, j, weight, out):
     if weight != 0.0:  # a node of weight 0 may be missing
         x, y, up = node_normal(z, gsd, i, j)
@@ -227,7 +228,7 @@ def _add_normal(z, gsd, i, j, weight, out):
         out[2] += weight * up
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def normals_at(z, gsd, u, v):
     """Node normals interpolated over the triangle at each position and normalised, float64 (n, 3);
     NaN without a surface.

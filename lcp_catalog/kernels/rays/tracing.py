@@ -15,8 +15,8 @@ mipmaps).
 import math
 
 import numpy as np
-from numba import njit
 
+from ..cache import njit
 from .surface import edge_height, edge_height_careful, facet_height, stretch_exists, stretch_height
 
 NEVER = 1e300
@@ -30,26 +30,26 @@ UNDERGROUND_M = 1e-6
 """
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def inverse_of(rate):
     """1 / rate; `NEVER` for 0."""
     return 1.0 / rate if rate != 0.0 else NEVER
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def unit(value):
     """A value moved into 0..1."""
     return min(max(value, 0.0), 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def edge_at(z, holes, i, j, i2, j2, f):
     if holes:
         return edge_height_careful(z, i, j, i2, j2, f)
     return edge_height(z, i, j, i2, j2, f)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
     """Parameter between s and s_below, in one stretch of cell (i, j), at which a ray passes through
     the surface; ``below`` (< 0) is its height at s_below.
@@ -72,7 +72,7 @@ def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
     return s + (s_below - s) * (above / (above - below))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
     """Parameter between s and s_out at which a ray first passes through the surface in cell (i, j),
     whose nodes all have heights; -1 without any.
@@ -107,7 +107,7 @@ def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by
     return met_at if (gap_diagonal < 0.0) | (gap < 0.0) else -1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def first_cell(rows, cols, ou, ov, du, dv):
     """(column, row) of the first cell of a ray from (ou, ov), inside the raster."""
     col = min(max(math.floor(ou), 0), cols - 2)
@@ -119,7 +119,7 @@ def first_cell(rows, cols, ou, ov, du, dv):
     return col, row
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def child_at(u, v, du, dv, col, row, level):
     """(column, row) of the block of ``level`` through which a ray at (u, v) continues, of the four
     in block (col, row) of the next level.
@@ -133,7 +133,7 @@ def child_at(u, v, du, dv, col, row, level):
     return c, r
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def entered(start, rate, inverse, size, level, s):
     """The block of 2^level cells along an axis in which a ray is after all crossings with grid
     lines up to s, and the crossing at which it entered the block.
@@ -157,7 +157,7 @@ def entered(start, rate, inverse, size, level, s):
     return block, 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", forceinline=True)
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registers)
     z, holes, first_hit, pyramid, summit, ou, ov, oz, du, dv, dz,
     inverse_u, inverse_v, s_clear, s_end, level,
@@ -273,7 +273,7 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
             level, col, row = level + 1, col >> 1, row >> 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _blocked_solid(
     z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
@@ -283,7 +283,7 @@ def _blocked_solid(
     ) > 0.0  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _blocked_holed(
     z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
@@ -293,7 +293,7 @@ def _blocked_holed(
     ) > 0.0  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def blocked(
     z, holes, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level
 ):  # fmt: skip
@@ -305,7 +305,7 @@ def blocked(
     return _blocked_solid(z, pyramid, summit, ou, ov, oz, du, dv, dz, s_end, level)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def met(
     z, holes, pyramid, summit, ou, ov, oz, du, dv, dz,
     inverse_u, inverse_v, s_clear, level,

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..cache import njit
 
 SAMPLES_MAX = 64
 _A = -0.5
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def means(light, weight, at, down, right, signal, mass):
     """Fill signal and mass (n,) from an image's light and weight (rows, cols), float32; ``at``,
     ``down``, ``right`` (n, 2): (column, row) of a parallelogram's middle and its sides.
@@ -44,14 +45,14 @@ def means(light, weight, at, down, right, signal, mass):
             mass[k] = whole / (tall * wide)
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _parts(side):
     """Number of parts of a side, each at most one pixel long."""
     length = max(abs(side[0]), abs(side[1]))
     return int(min(max(math.ceil(length - 1e-9), 1), SAMPLES_MAX))
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _sample(light, weight, x, y):
     """Value and weight of an image at a position; weight 0 outside the image or where pixels are
     missing.
@@ -86,7 +87,7 @@ def _sample(light, weight, x, y):
     return cubic, mass
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _keys(s):
     """Keys' cubic kernel at a distance."""
     s = abs(s)

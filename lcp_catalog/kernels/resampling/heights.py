@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from ...constants import MOON_RADIUS_M
+from ..cache import njit
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _keys(t, w):
     """Weights of Keys' cubic convolution with a = -0.5 (IEEE ASSP 29, 1981, eq. 15) at fraction
     ``t`` of the middle interval.
@@ -25,7 +25,7 @@ def _keys(t, w):
     w[3] = t * t * (-0.5 + 0.5 * t)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _column(col, col0, cols, period):
     """Index in the window of a column of the raster, modulo ``period`` if the raster has a seam; -1
     outside.
@@ -41,7 +41,7 @@ def _column(col, col0, cols, period):
     return c
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def sample(grid, row0, col0, period, u, v, out):
     """Heights at fractional pixels (column ``u``, row ``v``) of a raster of which ``grid`` is the
     window from (row0, col0).
@@ -83,7 +83,7 @@ def sample(grid, row0, col0, period, u, v, out):
         out[k] = value
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def _bilinear(grid, i, c1, c2, tu, tv):
     """Mean of the valid pixels with their bilinear weights; NaN if the nearest is missing."""
     rows = grid.shape[0]
@@ -114,7 +114,7 @@ def _bilinear(grid, i, c1, c2, tu, tv):
     return total / weight
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def block_means(grid, weight, factor, out):
     """Means of ``factor`` x ``factor`` blocks by ``weight``; NaN where less than half a block's
     weight has data.
@@ -137,7 +137,7 @@ def block_means(grid, weight, factor, out):
             out[bi, bj] = total / there if there >= 0.5 * whole and there > 0.0 else np.nan
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def enu_to_lonlat(x, y, z, rotation, up_m, lon, lat):
     """Longitude (0..2 pi) and latitude, radians, of ENU points; ``rotation`` is MCMF -> ENU, the
     frame's origin ``up_m`` from the centre.
@@ -164,7 +164,7 @@ _RUN = 256
 """Nodes of `lonlat_over` that are processed at once."""
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(nogil=True, inline="always")
 def _narrow_atan(t):
     """Arc tangent of |t| <= `_NARROW`, by its series; the error is below that of rounding."""
     q = t * t
@@ -182,7 +182,7 @@ def _narrow_atan(t):
     return t + t * q * s
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _turned_from(sine, cosine, east, north, up, lon_turn, lat_turn):
     """Differences of longitude and latitude, radians, of ENU directions (k,) from the origin of
     their frame, whose latitude has this sine and cosine.
@@ -207,7 +207,7 @@ def _turned_from(sine, cosine, east, north, up, lon_turn, lat_turn):
             lon_turn[k], lat_turn[k] = math.atan2(east[k], level), math.atan2(aside, above)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def lonlat_over(x, y, height, some, which, origins, lon, lat):
     """Longitude (0..360) and latitude, degrees, (k,) of the points at a height above the sphere over
     the nodes ``some`` (k,) of tangent planes.
@@ -245,7 +245,7 @@ def lonlat_over(x, y, height, some, which, origins, lon, lat):
         first += count
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def improve_heights(found, some, x, y, height, before, gap_before, tolerance, left):
     """One step towards the heights at which vertical lines meet the terrain: heights (n,) of the
     nodes ``some`` (k,) from the terrain's heights ``found`` (k,) at the points that they give. Write
@@ -284,7 +284,7 @@ column.
 """
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def row_means(grid, length, turn, pad, out):
     """Means along the rows of ``grid`` over ``length`` (rows,) pixels, real numbers of at least 1,
     corrected for the curvature of the parallel.
@@ -330,7 +330,7 @@ def row_means(grid, length, turn, pad, out):
             out[i, j] = value if turn[i + 1] == 0.0 or math.isnan(moved) else moved
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def clearance(grid, row0, col0, period, cover, u, v, reach, out):
     """Distance (pixels, at most ``reach``) of fractional pixels from the nearest missing one's
     square; the window is that of `sample` and must contain ``reach`` + 1 pixels around every place.

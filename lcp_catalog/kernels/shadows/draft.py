@@ -9,8 +9,9 @@ interpolation is worst, are covered by a stencil of their edge crossings. Approx
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .scan_lines import (
     FAST,
@@ -32,13 +33,13 @@ SUNS = 8
 """Elevations processed in one pass: one bit of a byte for each."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _between(za, zb, wa, wb, out):
     for q in range(out.size):
         out[q] = wa * za[q] + wb * zb[q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _answer(a, b, f, heights, level, near, slope, bit, kept, bits):
     """Set a bit where the lines beside a node, or the stencil, give shadow; of the other bits,
     those in ``kept`` remain.
@@ -49,7 +50,7 @@ def _answer(a, b, f, heights, level, near, slope, bit, kept, bits):
         bits[q] = (bits[q] & kept) | (bit if dark else np.uint8(0))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _answer_four(
     a0, b0, a1, b1, a2, b2, a3, b3, w, slope, left, right, f, heights, level, bits
 ):  # fmt: skip
@@ -67,7 +68,7 @@ def _answer_four(
         bits[q] = dark
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _inside(z, nodes):
     """Half-open range of columns, then of rows, for which all edges of a stencil are inside the
     raster.
@@ -79,7 +80,7 @@ def _inside(z, nodes):
     return -left, z.shape[1] - right, -low, z.shape[0] - high
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _carry(z, flip, shear, rises, k, origin, b0, carried, heights):
     """Raise all lines to their crossings of turned row k."""
     cols, row = z.shape[1], turned_row(z, flip, k)
@@ -108,7 +109,7 @@ def _carry(z, flip, shear, rises, k, origin, b0, carried, heights):
             raise_node(part, level, carried[s, p, first - b0 : last - b0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _scan_lines(
     z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, awake, line0, line1, bits
 ):  # fmt: skip
@@ -180,7 +181,7 @@ def _scan_lines(
                 )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def draft(
     z, flip, shear, rises, slopes, nodes, weights, stride, top, window, upright, awake, bits
 ):  # fmt: skip
@@ -219,7 +220,7 @@ def draft(
     all_done(done, blocks)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def unpack(bits, transpose, flip, out):
     """Write bits (a, b), rows upright unless ``transpose``, into out (k, rows, cols) uint8 in the
     raster's orientation; ``flip``: direction of the rows of a transposed window.

@@ -2,14 +2,15 @@
 places.
 """
 
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 
 LIT, DARK, OPEN = 0, 1, 2
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def shade(z, window, step, heights, doubt, marks):
     """Mark the window's nodes that are not `DARK` yet: `DARK` below the shadow's heights over the
     four places around them, `OPEN` between these heights or within ``doubt`` times their range,

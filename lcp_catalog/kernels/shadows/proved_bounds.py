@@ -32,8 +32,9 @@ Arithmetic is float32; ``slack`` and ``near_slack`` bound its rounding
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from ..rays.tracing import NEVER, blocked
 from .scan_lines import (
@@ -54,7 +55,7 @@ LIT, DARK, OPEN = np.uint8(0), np.uint8(1), np.uint8(2)
 NODE_LEVEL = 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _raise_lowest(za, zb, zc, zd, zn, wa, wb, wc, wd, level, floor):
     """Raise each strip to the lowest of two crossings and a node."""
     for q in range(floor.size):
@@ -66,7 +67,7 @@ def _raise_lowest(za, zb, zc, zd, zn, wa, wb, wc, wd, level, floor):
         floor[q] = low if low > floor[q] else floor[q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _raise_lower(za, zb, zc, zd, wa, wb, wc, wd, level, floor):
     """Raise each strip to the lower of two crossings."""
     for q in range(floor.size):
@@ -76,7 +77,7 @@ def _raise_lower(za, zb, zc, zd, wa, wb, wc, wd, level, floor):
         floor[q] = low if low > floor[q] else floor[q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _mark(
     left, right, inside, floor, heights, level, near, near_sure, slope, slack, near_slack, out
 ):
@@ -89,7 +90,7 @@ def _mark(
         out[q] = DARK if dark else (LIT if lit else OPEN)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _mark_likely(left, right, inside, heights, level, near, slope, slack, near_slack, out):
     """`_mark` without a lower bound: dark where both lines give shadow."""
     for q in range(heights.size):
@@ -102,7 +103,7 @@ def _mark_likely(left, right, inside, heights, level, near, slope, slack, near_s
         out[q] = DARK if dark else (LIT if lit else OPEN)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _carry_line(z, flip, shear, rise, sigma, density, p, k, top, origin, b0, carried, inside):
     """Raise line p of every column to all its crossings between turned rows k - 1 and k, and the
     strip beside it to the nodes of row k.
@@ -131,7 +132,7 @@ def _carry_line(z, flip, shear, rise, sigma, density, p, k, top, origin, b0, car
             n += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _carry_floor(sure, flip, shear, rise, density, p, k, origin, b0, floor):
     """Raise the strip beside line p to the lower bound of the surface there in turned row k."""
     cols, row = sure.shape[1], turned_row(sure, flip, k)
@@ -157,7 +158,7 @@ def _carry_floor(sure, flip, shear, rise, density, p, k, origin, b0, floor):
         _raise_lower(left, after_left, right, after_right, wa, wb, wc, wd, level, part)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _bound_lines(
     z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window, lines, marks
 ):  # fmt: skip
@@ -214,7 +215,7 @@ def _bound_lines(
             )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stencil, slacks, rows, window, marks):  # fmt: skip
     """Mark every node of a window of z (turned) `LIT`, `DARK` or `OPEN` in marks (rows, cols)
     uint8.
@@ -241,7 +242,7 @@ def mark(z, sure, proved, unlike, flip, sun, density, cells, stencil, sure_stenc
     all_done(done, blocks)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _turned_back(marks, transpose, flip, i0, j0, part, some):
     """Copy the tile at (i0, j0) of the raster's window out of turned marks into part (TILE, TILE);
     some (TILE,) is non-zero in rows with an open node.
@@ -264,7 +265,7 @@ def _turned_back(marks, transpose, flip, i0, j0, part, some):
         some[i] = found
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
     """Write the marks of the turned window as a mask into out, bool (rows, cols) of the raster's
     own window; open nodes are traced along ray (du, dv, dz). Return their number.
@@ -299,7 +300,7 @@ def settle(z, holes, pyramid, summit, ray, marks, transpose, flip, window, out):
     return traced.sum()
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def without_borders(z):
     """A copy of heights in which nodes beside nodata (8 neighbours) are `LOWEST`, like nodata
     itself.

@@ -14,8 +14,9 @@ a cell. Lines outside the raster keep their values. Nodata (NaN) compares false:
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 
 LOWEST = np.float32(-1e30)
@@ -58,7 +59,7 @@ def near_stencil(du, dv, cells, on_node=ON_LINE):
     return np.array(nodes, np.int64).reshape(-1, 4), np.array(weights, np.float64).reshape(-1, 3)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def transposed(z):
     """A transposed copy of float32 heights."""
     rows, cols = z.shape
@@ -76,13 +77,13 @@ def transposed(z):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def turned_row(z, flip, r):
     """Row r of the raster turned towards the Sun."""
     return z[z.shape[0] - 1 - r if flip else r]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def strip_of(shear, r, density):
     """(shift, p, f) for row r: node c lies between line (c + shift, p) and the next line, a share f
     of the way.
@@ -93,7 +94,7 @@ def strip_of(shear, r, density):
     return shift, p, place - p
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def line_range(shear, window):
     """Half-open range of b of the lines beside the nodes of a window (row0, row1, col0, col1)."""
     row0, row1, col0, col1 = window
@@ -101,7 +102,7 @@ def line_range(shear, window):
     return col0 + min(a, b), col1 + max(a, b)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def raise_edge(za, zb, wa, wb, level, carried):
     """Raise each line to a point between two nodes."""
     for q in range(carried.size):
@@ -109,7 +110,7 @@ def raise_edge(za, zb, wa, wb, level, carried):
         carried[q] = h if h > carried[q] else carried[q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def raise_node(za, level, carried):
     """Raise each line to a node."""
     for q in range(carried.size):
@@ -117,7 +118,7 @@ def raise_node(za, level, carried):
         carried[q] = h if h > carried[q] else carried[q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def raise_crossing(above, ja, below, jb, f, level, b0, carried):
     """Raise the lines b0, b0 + 1, ... that cross an edge a share f of the way from node
     above[b + ja] to below[b + jb].
@@ -141,7 +142,7 @@ def raise_crossing(above, ja, below, jb, f, level, b0, carried):
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(nogil=True, error_model="numpy", inline="always")
 def rebase(carried, drop):
     """Lower all heights by ``drop``, to count them from a later row."""
     flat = carried.reshape(-1)
@@ -149,7 +150,7 @@ def rebase(carried, drop):
         flat[q] -= np.float32(drop)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _steeper(za, zb, zc, zd, z, wa, wb, wz, wc, wd, wy, out):
     for q in range(out.size):
         one = wa * za[q] + (wb * zb[q] - wz * z[q])
@@ -158,14 +159,14 @@ def _steeper(za, zb, zc, zd, z, wa, wb, wz, wc, wd, wy, out):
         out[q] = two if two > best else best
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST)
+@njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _steeper_one(za, zb, z, wa, wb, wz, out):
     for q in range(out.size):
         one = wa * za[q] + (wb * zb[q] - wz * z[q])
         out[q] = one if one > out[q] else out[q]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def near_row(z, casting, flip, r, first, last, nodes, weights, out):
     """Largest tangent (times the cell size) over the stencil, float32, for nodes first..last of
     turned row r of z; the edges are those of ``casting`` (z itself, or z without the nodes beside

@@ -10,8 +10,9 @@ Beside nodata there may be cliffs: such tiles count as steep.
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
+from ..cache import njit
 from ..completion import all_done
 from .scan_lines import TILE, line_range
 
@@ -21,7 +22,7 @@ far.
 """
 
 
-@njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@njit(nogil=True, error_model="numpy", parallel=True)
 def tile_gradients(z):
     """Greatest gradient of the facets that touch each tile of `TILE` x `TILE` nodes, metres per
     cell, 0 without any; and True if one of their nodes has no height.
@@ -48,7 +49,7 @@ def tile_gradients(z):
     return gradients, holed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def _casts(gradients, transpose, flip, shape, rows, cols, slope):
     """True if a box of turned rows and columns touches a tile that can cast a shadow."""
     row0, row1 = rows
@@ -63,7 +64,7 @@ def _casts(gradients, transpose, flip, shape, rows, cols, slope):
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy")
 def awake(gradients, transpose, flip, shape, shear, slope, reach, top, window, width):
     """True for stretches of `TILE` turned rows (counted from row 0) of each block of ``width``
     lines that may contain a shadow, bool (blocks, stretches).
