@@ -38,10 +38,12 @@ BUDGETS = {
     # 252 registry of approximations (a table, 33 rows), 120 their new switches and costs
     # 68 plain windows, GeoParquet; 4 faster CSV
     # 78 ellipses by a part of the noise, an error model for each kind of images
-    "code lines, lcp_catalog": 43766,
+    # 239 own files of compiled kernels, CPU levels, their list and the pool that compiles it
+    "code lines, lcp_catalog": 44005,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
-    "code lines, cli": 4030,
+    # 51 warm-up, time left by weights
+    "code lines, cli": 4081,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -52,7 +54,8 @@ BUDGETS = {
     # 230 plain windows beside the paper's
     # 209 ellipses by a part of the noise
     # 346 ellipses by a part of the noise, sharpness tried
-    "words of docs": 52132,
+    # 59 compiled kernels
+    "words of docs": 52191,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
