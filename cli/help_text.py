@@ -68,7 +68,15 @@ GROUPS = {
     "Fit": ("--c", "--refractive-index", "--polarisation", "--normalize", "--name"),
     "Run": (
         *("--config", "--jobs", "--memory", "--scheduler", "--part", "--list-parts", "--merge"),
-        *("--resume", "--keep-going", "--areas", "--rounds"),
+        *(
+            "--resume",
+            "--keep-going",
+            "--areas",
+            "--rounds",
+            "--budget",
+            "--max-error",
+            "--time-limit",
+        ),
     ),
     "Output": (
         *("--output", "--preview", "--map", "--plot", "--chart", "--fit-errors", "--dossier"),

@@ -43,7 +43,7 @@ COMMANDS = {
     "simulate": ("simulate", "Simulate a camera image with detector noise and blur."),
     "warm-up": ("warm_up", "Compile the kernels before they are needed, here or for others."),
     "help": ("help", "Print a how-to page, or the help of a command."),
-    "trade": ("trade", "Measure the run time and the errors of each accuracy tier."),
+    "trade": ("trade", "Measure what every approximation costs and changes."),
 }
 
 

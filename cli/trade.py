@@ -1,10 +1,10 @@
-"""``lcp trade``: run time and errors of the accuracy tiers on the user's own DEM and sweep."""
+"""``lcp trade``: what every approximation costs and changes on the user's own DEM and sweep."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,15 +13,34 @@ from .files import FileCommand
 from .messages import echo, say
 from .options import dem_argument, output_option, overwrite_option
 from .progress import progress
+from .value_types import Number, ParamType
 
 if TYPE_CHECKING:
     from lcp_catalog.production.config import BuildConfig
 
 
-def _written(folder: str) -> Iterator[Path]:
-    from lcp_catalog.tradeoff.report import FILES
+ALL = "all"
 
-    yield from (Path(folder, name) for name in FILES)
+
+class AreaCount(ParamType):
+    """N, or all."""
+
+    name = "areas"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int | str:
+        if value == ALL:
+            return ALL
+        if not str(value).isdigit() or int(value) < 1:
+            self.fail(f"{value!r} is not a number of at least 1, or {ALL}", param, ctx)
+        return int(value)
+
+
+def _written(folder: str) -> Iterator[Path]:
+    from lcp_catalog.tradeoff.report import BEST, FILES
+
+    yield from (Path(folder, name) for name in (*FILES, BEST))
 
 
 @click.command(
@@ -35,9 +54,10 @@ def _written(folder: str) -> Iterator[Path]:
 @build_options(["dem.product_order", *AREA, *SWEEP, "model.reflectance", *ALBEDO, *POINTS])
 @click.option(
     "--areas",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Number of the build's areas to compute, spread over the region; default 4.",
+    type=AreaCount(),
+    metavar="N|all",
+    help="Number of the build's areas to compute, spread over the region; all: also the promise of every alternative. "
+    "Default 4.",
 )
 @click.option(
     "--rounds",
@@ -45,22 +65,47 @@ def _written(folder: str) -> Iterator[Path]:
     metavar="N",
     help="Number of timed runs of each area in each tier; the median counts; default 2.",
 )
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Number(0.0, None, min_open=True),
+    metavar="SECONDS",
+    help="Write best.toml, the configuration to take for so much processor time of the whole build.",
+)
+@click.option(
+    "--max-error",
+    type=Number(0.0, 1.0),
+    metavar="X",
+    help="Write best.toml, the fastest configuration that changes at most this share of the conditions.",
+)
+@click.option(
+    "--time-limit",
+    type=Number(0.0, None),
+    default=180.0,
+    show_default="180",
+    metavar="SECONDS",
+    help="Time after which no other alternative is begun; 0: tiers alone.",
+)
 @overwrite_option
 def command(
     dem: tuple[str, ...],
     output: str,
-    areas: int | None,
+    areas: int | str | None,
     rounds: int | None,
+    budget_s: float | None,
+    max_error: float | None,
+    time_limit: float,
     overwrite: bool,
     config: BuildConfig,
 ) -> None:
-    """Measure the run time and the errors of each accuracy tier on your own DEM and sweep.
+    """Measure what every approximation costs and changes on your own DEM and sweep.
 
     The options describe a build as in `lcp build-catalog`. Some areas of that build are computed
-    in every tier, each tier in a process of its own, and compared with the tier `reference`.
+    in every tier, each tier in a process of its own, and compared with the tier `reference`; then with
+    one alternative at a time around the configuration, those with the greatest effect first.
 
-    Writes DIR/trade.json, DIR/trade.html (table, plot and images) and DIR/trade.md (the table in
-    Markdown).
+    Writes DIR/trade.json, DIR/trade.html (tables, plots and images), DIR/trade.md (the tables in
+    Markdown), and with --budget or --max-error DIR/best.toml.
     """
     from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS
     from lcp_catalog.tradeoff.report import markdown, trade
@@ -70,11 +115,15 @@ def command(
             dem,
             output,
             config=config,
-            areas=areas or AREAS,
+            areas=None if areas == ALL else int(areas or AREAS),
+            budget_s=budget_s,
+            max_error=max_error,
+            time_limit_s=time_limit,
             rounds=rounds or ROUNDS,
             overwrite=overwrite,
             progress=update,
         )
     echo(markdown(found), nl=False)
     compared = found.compared
-    say(f"{output}: {len(found.rows)} tiers on {compared['areas']} of {compared['areas_of']} areas")
+    many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternatives"
+    say(f"{output}: {many} on {compared['areas']} of {compared['areas_of']} areas")

@@ -131,6 +131,12 @@ def _searches(config: Any) -> Values:
     return {f"{n} cells": {"points.search_m": n * cell_m} for n in wanted if n != nodes}
 
 
+def _directions(config: Any) -> Values:
+    found = _numbers("model.direction_tolerance_deg", 2.0, 0.5)(config)
+    own = {"own Sun to 7.5 deg": {"model.own_sun_deg": 7.5}}
+    return found | ({} if config.model.own_sun_deg else own)
+
+
 def _scales(config: Any) -> Values:
     many = len(config.points.scales)
     return {"1": {"points.image_scales": 1}} if many > 1 else {}
@@ -159,8 +165,8 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "one direction per area",
         "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5)",
-        ("model.direction_tolerance_deg",), _numbers("model.direction_tolerance_deg", 2.0, 0.5),
-        effects=("one direction per area",), expected=0.01,
+        ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
+        effects=("one direction per area",), constants=("production.evaluation.OWN_SUN_DOUBT",), expected=0.01,
     ),
     Approximation(
         "parallel or near views",

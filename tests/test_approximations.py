@@ -30,7 +30,12 @@ ASKED = {
     # the model of an image's differences from a render
     *("errors.sensor_noise", "errors.height_sigma_m", "errors.height_length_m", "errors.spread"),
     *("errors.albedo_sigma", "errors.albedo_length_m", "errors.position_sigma_m"),
-    "errors.shadow_shift",
+    *(
+        "errors.shadow_shift",
+        "errors.moving_share",
+        "errors.contrast_power",
+        "errors.position_sigma_cells",
+    ),
 }
 
 CONFIG = BuildConfig().replaced(

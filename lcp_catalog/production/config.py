@@ -409,6 +409,14 @@ class ModelConfig:
         default=SUN_SHAPES[0],
         choices=SUN_SHAPES,
     )
+    own_sun_deg: float | None = meant(
+        None,
+        "Elevations of the Sun up to which a point that shadows from outside nearly disturb too much is judged under its "
+        "own Sun, not that of the area's centre.",
+        default="0: never",
+        least=0.0,
+        most=90.0,
+    )
     whole_search: bool | None = meant(
         None,
         "Seek places that resemble a point at full resolution everywhere.",

@@ -121,9 +121,6 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     here = min(workers, len(level.jobs)) == 1
     before_mb = (peak_mb(), resident_mb()) if here else planned_mb
     merge_mb = _merge_mb(level, points, candidates)
-    layers = 1 if config.model.albedo_file is None else 2  # of a patch: heights, and brightness
-    patch = config.points.patch_nodes**2 * 4 * layers
-    claims = int(np.prod(conditions[sample].shape)) * (1 + _CLAIM_BYTES * len(config.points.scales))
     found: dict[str, Any] = {
         "areas": len(level.jobs),
         "suns": max(c.count for c in conditions) // len(config.view),
@@ -134,12 +131,7 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
         "seconds_estimate": round(
             start_s + first_s + _seconds(level, measured, seconds, min(workers, len(level.jobs))), 1
         ),
-        "bytes_estimate": int(
-            FILE_BYTES
-            + STORED_SHARE
-            * (points * patch + int(overview_bytes(level.recipe.region, level.recipe.gsd_m)))
-            + STORED_CLAIMS * points * claims
-        ),
+        "bytes_estimate": file_bytes(level, points),
         "decisions": [
             _cell_decision(level),
             _sun_decision(level),
@@ -149,6 +141,19 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     if config.model.albedo_file is not None:
         found["albedo_worth"] = _albedo_worth(level, sample, results[0])
     return found
+
+
+def file_bytes(level: Level, points: float) -> int:
+    """Size of the file of a level with a number of points."""
+    config = level.recipe.config
+    layers = 1 if config.model.albedo_file is None else 2  # of a patch: heights, and brightness
+    patch = config.points.patch_nodes**2 * 4 * layers
+    shape = conditions_at(0.0, config).shape
+    claims = math.prod(shape) * (1 + _CLAIM_BYTES * len(config.points.scales))
+    maps = int(overview_bytes(level.recipe.region, level.recipe.gsd_m))
+    return int(
+        FILE_BYTES + STORED_SHARE * (points * patch + maps) + STORED_CLAIMS * points * claims
+    )
 
 
 def _albedo_worth(level: Level, index: int, mapped: AreaResult) -> list[dict[str, float]]:

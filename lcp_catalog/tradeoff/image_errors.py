@@ -162,6 +162,12 @@ def _side_by_side(
         yield images
 
 
+def judge(change: ImageChanges, ours: RenderedImage, exact: RenderedImage) -> None:
+    """Add the differences of an image from another of the same nodes, Sun and view."""
+    for judged in (_judge_light, _judge_radiance):
+        judged({REFERENCE: exact, "": ours}, {REFERENCE: ImageChanges(), "": change})
+
+
 def _judge_light(images: dict[str, RenderedImage], changes: dict[str, ImageChanges]) -> None:
     """Count the nodes that are lit in one image and dark in the other; views from the zenith, where
     only nodata is invisible.

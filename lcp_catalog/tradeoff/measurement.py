@@ -10,22 +10,25 @@ Areas computed in processes of their own, with their time and memory.
 from __future__ import annotations
 
 import dataclasses
+import math
 import statistics
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..accuracy import DEFAULT_TIER, TIERS
+from ..approximations import APPROXIMATIONS
 from ..errors import AreaFailedError, ConfigError
 from ..geometry.frames import lonlat_to_mcmf
 from ..memory import peak_mb
 from ..production.area_job import AreaJob, Candidates, run_area
+from ..production.config import BuildConfig
 from ..production.executor import children_start, processes
 from ..production.run import Build
 from ..threads import limit_threads
@@ -37,7 +40,8 @@ from .image_errors import (
     compare_images,
     compare_models,
 )
-from .point_changes import compare_points
+from .knobs import Measurement, Sample, Setting, proposal, require_one, row_of, settings, together
+from .point_changes import compare_points, joined
 
 
 @dataclass(frozen=True)
@@ -124,20 +128,8 @@ class Runs:
 
     @property
     def candidates(self) -> Candidates:
-        everything: Candidates = _joined([runs[-1].candidates for runs in self.areas.values()])
+        everything: Candidates = joined([runs[-1].candidates for runs in self.areas.values()])
         return everything
-
-
-def _joined(parts: list[Any]) -> Any:
-    """Concatenate dataclasses of arrays of the same type."""
-    columns: dict[str, Any] = {}
-    for field_ in dataclasses.fields(parts[0]):
-        values = [getattr(part, field_.name) for part in parts]
-        nested = dataclasses.is_dataclass(values[0])
-        columns[field_.name] = (
-            None if values[0] is None else _joined(values) if nested else np.concatenate(values)
-        )
-    return dataclasses.replace(parts[0], **columns)
 
 
 Progress = Callable[[int, int], None]
@@ -149,18 +141,31 @@ AREAS, ROUNDS = 4, 2
 @dataclass(frozen=True)
 class Trade:
     """Result of a measurement: one row per tier, the compared areas and conditions, an image, and
-    the reflectance models.
+    the reflectance models; of all approximations the ``rows``, one for each alternative to the user's
+    configuration, the first the configuration itself; ``not_measured``: the others, with the reason;
+    ``best``: the configuration to take for a budget, and ``best_row``, what it was measured to do.
     """
 
-    rows: list[dict[str, Any]]
+    tiers: list[dict[str, Any]]
     compared: dict[str, Any]
     picture: ErrorPicture | None
     models: ModelChanges
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    not_measured: dict[str, str] = field(default_factory=dict)
+    best: BuildConfig | None = None
+    best_row: dict[str, Any] | None = None
 
     def document(self) -> dict[str, Any]:
         """The content of ``trade.json``."""
         laws = {"rows": self.models.rows(), "seconds_relative": self.models.times()}
-        return {"rows": self.rows, "models": laws, "compared": self.compared}
+        return {
+            "rows": self.rows,
+            "not_measured": [f"{name}: {why}" for name, why in self.not_measured.items()],
+            "best": self.best_row,
+            "tiers": self.tiers,
+            "models": laws,
+            "compared": self.compared,
+        }
 
 
 def measure_trade(
@@ -199,6 +204,78 @@ def measure_trade(
         picture,
         models,
     )
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What is wanted of all approximations: at most so many seconds of processor time for the whole build, or at most
+    this share of the conditions changed; neither: the table alone.
+    """
+
+    seconds: float | None = None
+    error: float | None = None
+
+
+WORKERS = 2
+"""Processes that compute alternatives."""
+
+LIMIT_S = 180.0
+"""Default limit of the time of `measure_all`, seconds."""
+
+_TRIES = 4
+
+
+def measure_all(
+    found: Trade,
+    build: Build,
+    areas: int | None,
+    budget: Budget,
+    until: float,
+    workers: int = WORKERS,
+    progress: Progress = lambda done, total: None,
+) -> Trade:
+    """A measurement with the rows of all approximations, on ``areas`` areas (None: all), and the configuration for the
+    budget. ``until``: time of `time.monotonic` after which no other alternative is begun. ConfigError for an impossible
+    budget; otherwise errors as an area's.
+    """
+    require_one(budget.seconds, budget.error)
+    recipe = build.recipe
+    config = recipe.config.replaced({"model.reflectance": recipe.law.model.name})
+    chosen = [build.jobs[i] for i in spread(build, areas or len(build.jobs))]
+    sample, own = Sample(build, config, chosen), Setting("", "as configured", {})
+    measured = Measurement(sample, workers, until)
+    twice = [usual for _, usual in measured.outcomes([own, own])]
+    if isinstance(twice[0], str) or isinstance(twice[1], str):
+        raise AreaFailedError(str(twice[0]))
+    usual = min(twice[0], twice[1], key=lambda one: one.cpu_s)
+    first = row_of(sample, own, usual, usual)
+    wanted = settings(config)
+    done: list[tuple[Setting, dict[str, Any]]] = []
+    missing = {one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced}
+    for number, (setting, row) in enumerate(measured.rows(usual, wanted, areas is None)):
+        progress(number + 1, len(wanted))
+        if isinstance(row, str):
+            missing[f"{setting.knob}, {setting.value}"] = row
+        else:
+            done.append((setting, row))
+    found = replace(found, rows=[first, *(row for _, row in done)], not_measured=missing)
+    if budget.seconds is None and budget.error is None:
+        return found
+    left = list(done)
+    for _ in range(_TRIES):
+        taken = proposal(left, first, budget.seconds, budget.error)
+        best = together(taken)
+        ((_, row),) = Measurement(sample, workers, math.inf).rows(usual, [best], False)
+        if isinstance(row, str) or not taken:
+            break
+        if budget.error is None or (row["conditions_changed_share"] or 0.0) <= budget.error:
+            break
+        left = [one for one in left if one[0] != taken[-1]]
+    else:
+        best, row = own, first
+    if isinstance(row, str):
+        raise ConfigError(row)
+    return replace(found, best=config.replaced(best.values), best_row=row)
 
 
 class _Steps:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +77,8 @@ def compare_points(reference: Candidates, tier: Candidates, config: BuildConfig)
     )
     _, here, there = np.intersect1d(ids["ours"], ids["exact"], return_indices=True)
     both = np.isin(here, ours) & np.isin(there, exact)
-    before = _sigma_m(reference, config)[there[both]]
-    change = _sigma_m(tier, config)[here[both]] - before
+    before = sigma_m(reference, config)[there[both]]
+    change = sigma_m(tier, config)[here[both]] - before
     claimed = _detection_changes(reference, there, tier, here)
     return PointChanges(
         points=len(ours),
@@ -92,16 +95,28 @@ def compare_points(reference: Candidates, tier: Candidates, config: BuildConfig)
     )
 
 
+def joined(parts: Sequence[Any]) -> Any:
+    """Concatenate dataclasses of arrays of the same type."""
+    columns: dict[str, Any] = {}
+    for field in dataclasses.fields(parts[0]):
+        values = [getattr(part, field.name) for part in parts]
+        nested = dataclasses.is_dataclass(values[0])
+        columns[field.name] = (
+            None if values[0] is None else joined(values) if nested else np.concatenate(values)
+        )
+    return dataclasses.replace(parts[0], **columns)
+
+
 def _ids(candidates: Candidates) -> NDArray[np.int64]:
     return stable_id(candidates.lon_deg, candidates.lat_deg)
 
 
-def _sigma_m(candidates: Candidates, config: BuildConfig) -> AnyArray:
+def sigma_m(candidates: Candidates, config: BuildConfig) -> AnyArray:
     """Largest major axis over the conditions that count, as in the catalogue; -inf without any."""
     evaluation = candidates.evaluation
     works = counted(evaluation, config)
-    sigma_m = np.where(works, evaluation.sigma_major_m[:, 0], -np.inf)
-    return np.asarray(sigma_m.max(axis=(1, 2, 3), initial=-np.inf))
+    found = np.where(works, evaluation.sigma_major_m[:, 0], -np.inf)
+    return np.asarray(found.max(axis=(1, 2, 3), initial=-np.inf))
 
 
 def _detection_changes(

@@ -8,8 +8,11 @@ Public function that measures the accuracy tiers on a user's own build.
 # ruff: noqa: E501 - sentences of the report
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
+import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -31,7 +34,18 @@ from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.run import planned_build
 from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
-from .measurement import AREAS, ROUNDS, Progress, Trade, measure_trade
+from .knobs import NEAR_CELLS, require_one
+from .measurement import (
+    AREAS,
+    LIMIT_S,
+    ROUNDS,
+    WORKERS,
+    Budget,
+    Progress,
+    Trade,
+    measure_all,
+    measure_trade,
+)
 from .point_changes import DETECTION_CHANGE
 
 Row = dict[str, Any]
@@ -46,6 +60,9 @@ POINTS_SHARE, CONDITIONS_SHARE = 0.02, 0.01
 """
 
 FILES = ("trade.json", "trade.html", "trade.md")
+
+BEST = "best.toml"
+"""File of the configuration to take for a budget."""
 
 RULES = (
     f"“Equal” means that no node, no point and no condition differs from reference, and no detection probability by more than {DETECTION_CHANGE:g}; “nearly equal”, that at most "
@@ -76,9 +93,19 @@ def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
 
     Raises as `atomic_files.check_folder`.
     """
-    document = trade.document() | {"advice": advice(trade.rows)}
+    document = trade.document() | {"advice": advice(trade.tiers)}
     texts = (json.dumps(document, indent=2) + "\n", render_trade(trade), markdown(trade))
-    write_folder(folder, dict(zip(FILES, texts, strict=True)), overwrite)
+    files = dict(zip(FILES, texts, strict=True))
+    write_folder(
+        folder, files | ({BEST: _from(folder, trade.best)} if trade.best else {}), overwrite
+    )
+
+
+def _from(folder: Path, config: BuildConfig) -> str:
+    """The configuration as TOML, with names of files as seen from a folder."""
+    here = Path(os.path.relpath(Path.cwd(), folder))
+    model, dem = config.model.beside(here), config.dem.beside(here)
+    return dataclasses.replace(config, model=model, dem=dem).to_toml()
 
 
 # -- recommended tiers
@@ -204,7 +231,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
 
 def markdown(trade: Trade) -> str:
     """The report in Markdown: compared areas, table with one column per tier, recommendations."""
-    names = [row["accuracy"] for row in trade.rows]
+    names = [row["accuracy"] for row in trade.tiers]
     lines = [
         compared_line(trade.compared),
         "",
@@ -213,10 +240,11 @@ def markdown(trade: Trade) -> str:
     ]
     for heading, meaning, text in COLUMNS[1:]:
         lines.append(
-            f"| **{heading}**: {meaning} | {' | '.join(text(row) for row in trade.rows)} |"
+            f"| **{heading}**: {meaning} | {' | '.join(text(row) for row in trade.tiers)} |"
         )
-    said = [f"- {sentence}" for sentence in advice(trade.rows)]
-    return "\n".join([*lines, "", *said, "", RULES, "", *laws_markdown(trade.models)])
+    said = [f"- {sentence}" for sentence in advice(trade.tiers)]
+    parts = [*lines, "", *said, "", RULES, "", *laws_markdown(trade.models), *knobs_markdown(trade)]
+    return "\n".join(parts)
 
 
 def compared_line(compared: dict[str, Any]) -> str:
@@ -288,12 +316,121 @@ def _law_rows(models: ModelChanges) -> list[list[str]]:
     ]
 
 
+# -- all approximations
+
+
+KNOBS_HEADING = "Every approximation"
+
+KNOBS_EXPLAINED = (
+    "One alternative at a time around the configuration, computed on the same areas; time is processor time. Candidates within "
+    f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
+    "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
+    "median over windows, lowest Suns."
+)
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    return "–" if value is None else number(value, digits)
+
+
+def _changed_share(row: Row) -> str:
+    share = _share(row["conditions_changed_share"])
+    around = row["interval"]
+    return share if around is None else f"{share} ({_share(around[0])} to {_share(around[1])})"
+
+
+KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
+    ("approximation", lambda r: r["knob"] or "your configuration"),
+    ("value", lambda r: r["value"]),
+    ("time, s", lambda r: f"{r['seconds']:.2f}"),
+    ("relative", lambda r: _times(r["seconds_relative"])),
+    ("whole build, s", lambda r: number(r["build_seconds"], 3)),
+    ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
+    ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
+    ("conditions changed", _changed_share),
+    ("points", lambda r: str(r["points"])),
+    ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
+    ("probability: mean", lambda r: _number(r["detection_change_mean"])),
+    ("greatest change", lambda r: _number(r["detection_change_max"])),
+    ("sigma, times", lambda r: _number(r["sigma_ratio"], 3)),
+    ("shift, cells", lambda r: _number(r["shift_cells"])),
+    ("wrong shadow", lambda r: _share(r["sunlit_error_share"])),
+    ("promise", lambda r: _number(r["promise_change"])),
+)
+
+
+def knobs_said(trade: Trade) -> str:
+    """What was measured, and what to take for the budget, in one paragraph."""
+    said = f"{len(trade.rows) - 1} alternatives measured."
+    best = trade.best_row
+    if best is None:
+        return said
+    what = best["value"] or "your configuration as it is"
+    return (
+        f"{said} To take ({BEST}): {what}; measured together: {number(best['build_seconds'], 3)} s for the whole build "
+        f"({_times(best['seconds_relative'])} of the time of your configuration), {_changed_share(best)} of the conditions changed."
+    )
+
+
+def knobs_markdown(trade: Trade) -> list[str]:
+    """Lines of the table of all approximations; none if they were not measured."""
+    if not trade.rows:
+        return []
+    lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", knobs_said(trade), ""]
+    lines += [
+        f"| {' | '.join(name for name, _ in KNOB_COLUMNS)} |",
+        "| --- | --- |" + " ---: |" * (len(KNOB_COLUMNS) - 2),
+    ]
+    lines += [f"| {' | '.join(text(row) for _, text in KNOB_COLUMNS)} |" for row in trade.rows]
+    left = [f"- {name}: {why}" for name, why in trade.not_measured.items()]
+    return [*lines, "", "Not measured:", "", *left, ""]
+
+
+def knobs_chart(rows: list[Row]) -> Markup:
+    """Plot of the changed conditions of every row over its time, with the Pareto front."""
+    some = [r for r in rows if r["conditions_changed_share"] is not None]
+    low, high = _time_limits([r["seconds_relative"] for r in some])
+    decades = _decades([s for r in some if (s := r["conditions_changed_share"]) > 0.0])
+    powers = range(decades[0], decades[1] + 1)
+    ticks = [(_drawn(0.0, decades), "0"), *((10.0**k, _percent(k)) for k in powers)]
+    axes = Axes(
+        Axis(low, high, _time_ticks(low, high), "processor time relative to your configuration", log=True, grid=True),
+        Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
+        width=820.0, height=460.0, left=92.0, right=190.0, top=18.0, bottom=64.0,
+    )  # fmt: skip
+    best = front(some, "seconds_relative", "conditions_changed_share")
+    at = [
+        axes.at([r["seconds_relative"]], [_drawn(r["conditions_changed_share"], decades)])
+        for r in some
+    ]
+    line = axes.line(
+        [r["seconds_relative"] for r in best],
+        [_drawn(r["conditions_changed_share"], decades) for r in best],
+        "front",
+    )
+    marks = [
+        Markup(
+            "<g class='tier'><circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
+            "<text x='{:.1f}' y='{:.1f}'>{}</text></g>"
+        ).format(
+            x[0], y[0], f"{_name(row)}: {_times(row['seconds_relative'])}, {_changed_share(row)}",
+            x[0] + 7, y[0] + 4, _name(row) if row in best else "",
+        )
+        for row, (x, y) in zip(some, at, strict=True)
+    ]  # fmt: skip
+    return axes.draw(Markup().join([line, *marks]), "changed conditions over time", css="pareto")
+
+
+def _name(row: Row) -> str:
+    return f"{row['knob']}: {row['value']}" if row["knob"] else "your configuration"
+
+
 # -- the page
 
 
 def render_trade(trade: Trade) -> str:
     """The report as one self-contained HTML page."""
-    compared, rows, shown = trade.compared, trade.rows, trade.picture
+    compared, rows, shown = trade.compared, trade.tiers, trade.picture
     return page(
         "trade.html.j2",
         title=f"Speed and accuracy: {', '.join(compared['dems'])}",
@@ -314,6 +451,17 @@ def render_trade(trade: Trade) -> str:
             "explained": LAWS_EXPLAINED,
         },
         compared=json.dumps(compared, indent=1),
+        knobs=None
+        if not trade.rows
+        else {
+            "heading": KNOBS_HEADING,
+            "said": knobs_said(trade),
+            "columns": [name for name, _ in KNOB_COLUMNS],
+            "rows": [[text(row) for _, text in KNOB_COLUMNS] for row in trade.rows],
+            "chart": knobs_chart(trade.rows),
+            "explained": KNOBS_EXPLAINED,
+            "left": list(trade.not_measured.items()),
+        },
     )
 
 
@@ -404,17 +552,19 @@ def pareto(rows: list[Row]) -> Markup:
     )
 
 
-def front(rows: list[Row]) -> list[Row]:
+def front(
+    rows: list[Row], time: str = "cpu_relative", error: str = "sunlit_error_share"
+) -> list[Row]:
     """The Pareto front, fastest first: rows that no other row equals or beats in both time and
     error.
     """
 
     def beaten(row: Row) -> bool:
-        mine = (row["cpu_relative"], row["sunlit_error_share"])
-        theirs = ((r["cpu_relative"], r["sunlit_error_share"]) for r in rows if r is not row)
+        mine = (row[time], row[error])
+        theirs = ((r[time], r[error]) for r in rows if r is not row)
         return any(t <= mine[0] and e <= mine[1] and (t, e) != mine for t, e in theirs)
 
-    return sorted((r for r in rows if not beaten(r)), key=lambda r: r["cpu_relative"])
+    return sorted((r for r in rows if not beaten(r)), key=lambda r: float(r[time]))
 
 
 def _drawn(error: float, decades: tuple[int, int]) -> float:
@@ -484,14 +634,18 @@ def trade(
     size_km: float | None = None,
     bounds: tuple[float, float, float, float] | None = None,
     gsd_m: float | None = None,
-    areas: int = AREAS,
+    areas: int | None = AREAS,
     rounds: int = ROUNDS,
     isolated: bool = True,
+    budget_s: float | None = None,
+    max_error: float | None = None,
+    time_limit_s: float = LIMIT_S,
     overwrite: bool = False,
     progress: Progress = lambda done, total: None,
 ) -> Trade:
-    """Measure the run time and the errors of each accuracy tier on a DEM and a sweep: some areas of a
-    build are computed in every tier and compared with the tier ``reference``.
+    """Measure what every approximation costs and changes on a DEM and a sweep: some areas of a build are computed in
+    every tier and compared with the tier ``reference``, and with one alternative at a time (`approximations`)
+    around the configuration.
 
     Parameters
     ----------
@@ -502,11 +656,16 @@ def trade(
     config, center, size_km, bounds, gsd_m:
         The build, as `build_catalog`; one level of cells.
     areas:
-        Number of the build's areas to compute, spread over the region.
+        Number of the build's areas to compute, spread over the region; None: all, and the promise of every alternative.
     rounds:
         Timed runs of each area in each tier; the median counts.
     isolated:
         True: each tier in a process of its own; False: in this one, without memory figures.
+    budget_s, max_error:
+        Processor time of the whole build, or share of the conditions changed, for which a configuration is sought; it is
+        written to best.toml. At most one of them.
+    time_limit_s:
+        Time after which no other alternative is begun; 0: tiers alone.
     overwrite:
         True: replace existing files of the folder.
     progress:
@@ -515,7 +674,8 @@ def trade(
     Returns
     -------
     Trade
-        ``rows``, one object a tier (seconds, errors, points lost and gained); ``document()``.
+        ``rows``, one object an alternative (seconds, conditions changed, points lost and gained), ``tiers``, ``best``;
+        ``document()``.
 
     Raises
     ------
@@ -528,20 +688,25 @@ def trade(
     --------
     >>> measured = lcp.trade(
     ...     folder / "hadley_gld100_256ppd.tif", config=small_config, gsd_m=480,
-    ...     center=(3.5, 26.0), size_km=15, areas=1, rounds=1, isolated=False,
+    ...     center=(3.5, 26.0), size_km=15, areas=1, rounds=1, isolated=False, time_limit_s=0.0,
     ... )
-    >>> [row["accuracy"] for row in measured.rows]
+    >>> [row["accuracy"] for row in measured.tiers]
     ['draft', 'standard', 'high', 'reference']
     """
     folder = None if output is None else Path(output)
     if folder is not None:
-        check_folder(folder, FILES, overwrite)
+        check_folder(folder, (*FILES, BEST), overwrite)
+    require_one(budget_s, max_error)
+    until = time.monotonic() + time_limit_s
     build = planned_build(dem, config, center=center, size_km=size_km, bounds=bounds, gsd_m=gsd_m)
     if len(build.levels) > 1:
         raise ConfigError(
             "the configuration has several levels, but the tiers are compared on one cell size: give `area.gsd_m`"
         )
-    found = measure_trade(build, areas, rounds, isolated, progress)
+    found = measure_trade(build, areas or len(build.jobs), rounds, isolated, progress)
+    if time_limit_s > 0.0:
+        budget, workers = Budget(budget_s, max_error), WORKERS if isolated else 0
+        found = measure_all(found, build, areas, budget, until, workers, progress)
     if folder is not None:
         write_trade(found, folder, overwrite)
     return found

@@ -302,6 +302,21 @@ def _few_points(catalog: Catalog, count: int) -> str:
     )
 
 
+_OPPOSITE = -0.5
+
+
+def opposite_advice(windows: WindowComparison) -> str:
+    """That light and dark are exchanged between an image and its render, from the median correlation of the windows;
+    empty if they are not.
+    """
+    if not windows.count or not windows.median < _OPPOSITE:
+        return ""
+    return (
+        f"the median correlation of the windows is {windows.median:.2f}: light and dark are exchanged; the stated Sun is "
+        "probably opposite (turned by 180 deg), or the image is a negative"
+    )
+
+
 def albedo_advice(windows: WindowComparison) -> str:
     """Advice for windows, compared with a render without an albedo map, that fail where the render has little
     texture; empty for others.

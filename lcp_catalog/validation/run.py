@@ -56,6 +56,7 @@ from .advice import (
     albedo_advice,
     better_catalog,
     check_encoding,
+    opposite_advice,
     turned_or_unlit,
 )
 from .claims import Claims, ClaimSearch
@@ -343,6 +344,8 @@ def _advice(
     ground: GroundComparison | None,
 ) -> tuple[str, ...]:
     """What may be wrong with a located image, and what may improve its comparison with the DEM."""
+    if ground is not None and (opposite := opposite_advice(ground.windows)):
+        return (opposite,)
     if located.pose is None:
         return ()
     sun = located.sun.elevation_advice if located.sun else ""

@@ -59,11 +59,22 @@ def test_it_writes_table_page_and_data(
         workers = measurement.Workers
         monkeypatch.setattr(measurement, "Workers", lambda isolated: workers(isolated=not isolated))
     folder = tmp_path / "trade"
-    flags = ["--config", config, "--areas", "1", "--rounds", "1", "--sun-elevations", "10,30"]
+    flags = [
+        "--config",
+        config,
+        "--areas",
+        "1",
+        "--rounds",
+        "1",
+        "--sun-elevations",
+        "10,30",
+        "--time-limit",
+        "0",
+    ]
     assert run(["trade", DEM, "-o", str(folder), *flags]) == 0
     told = capsys.readouterr()
     document = json.loads((folder / "trade.json").read_text())
-    rows, compared = document["rows"], document["compared"]
+    rows, compared = document["tiers"], document["compared"]
     assert [row["accuracy"] for row in rows] == ["draft", "standard", "high", "reference"]
     for row in rows:
         grown_mb = row["memory_mb"] - row["memory_base_mb"]

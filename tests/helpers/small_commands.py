@@ -79,7 +79,7 @@ COMMANDS = {
     "query --trajectory": Words(f"query usable.h5 --trajectory way.csv --camera camera.json --plot q.svg --json {_SUN}"),
     "windows": Words("windows usable.h5 --center 3.5 26 --range 2026-01-27 2026-01-29 12h", again=""),
     "simulate": Words("simulate dem.tif --camera frame.json --sun point --gsd 474 -o f.png"),
-    "trade": Words("trade dem.tif --config build.toml -o t --areas 1 --rounds 1"),
+    "trade": Words("trade dem.tif --config build.toml -o t --areas 1 --rounds 1 --time-limit 0"),
 }  # fmt: skip
 """By name: the command, and what it is about where there are several of it."""
 

@@ -19,10 +19,11 @@ from lcp_catalog.catalog.schema import (
     UNSHADOWED,
     USABLE,
 )
+from lcp_catalog.geometry.frames import direction_enu, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import evaluation
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.evaluation import PatchLight, evaluate
 from lcp_catalog.production.point_config import PointConfig, image_scales
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision
@@ -319,3 +320,44 @@ def test_equal_views_are_rendered_once_and_have_equal_results(monkeypatch):
     for field in dataclasses.fields(one):
         a, b = (np.moveaxis(getattr(e, field.name), -3, 0) for e in (one, other))
         np.testing.assert_array_equal(b, a[[0, 0, 1, 1]])
+
+
+def test_a_doubtful_point_may_be_judged_under_its_own_sun() -> None:
+    """`model.own_sun_deg`: a dependence on shadows near its limit is that under the Sun of the point's own frame, here
+    by way of MCMF; all others stay those of the area's centre.
+    """
+    terrain = make(30.0 * ground(4, 161), core=(4, 157, 4, 157), gsd=500.0)
+    config = CONFIG.replaced({"area.gsd_m": 500.0, "sun.elevations_deg": (4.0, 30.0)})
+    low = config.replaced({"model.own_sun_deg": 7.5})
+    conditions, choice = Conditions.at(34.0, config), law_of_build(config, 34.0)
+    everywhere = np.ones_like(conditions.reachable)
+    conditions = dataclasses.replace(conditions, reachable=everywhere)
+    plan = plan_area(terrain, conditions, config, choice, ring_decision(terrain, 0.0, 0.0), None)
+    sweep = Sweep(terrain, conditions, plan, choice.model, config.model.precision)
+    rows, cols = (
+        part.ravel() for part in np.meshgrid(*2 * [np.arange(15, 140, 12)], indexing="ij")
+    )
+    area, own = (PatchLight.of(sweep, rows, cols, one) for one in (config, low))
+    again = differs = 0
+    for azimuth in range(len(config.sun.azimuths_deg)):
+        given, found = (light.shadow_dependence(0, azimuth)[0] for light in (area, own))
+        for k in np.flatnonzero((given >= 0.05) & (given <= 0.2)).tolist():
+            row, col = rows[k] + 4, cols[k] + 4
+            lon, lat, _ = mcmf_to_lonlat(
+                terrain.frame.to_mcmf(terrain.field.nodes_m(row, col)[None])
+            )
+            sun = direction_enu(config.sun.azimuths_deg[azimuth], 4.0) @ enu_rotation(lon, lat)[0]
+            sun = terrain.frame.direction_from_mcmf(sun)
+            window = (row - 8, row + 9, col - 8, col + 9)
+            cast = terrain.field.occluded_nodes(sun, window) & (
+                terrain.field.normals(window) @ sun > 0.0
+            )
+            cast &= ~terrain.field.occluded_alone(row, col, 8, sun)[0]
+            assert found[k] == pytest.approx(cast.mean(), abs=1e-6)
+            again, differs = again + 1, differs + (found[k] != given[k])
+        calm = (given < 0.05) | (given > 0.2)
+        np.testing.assert_array_equal(found[calm], given[calm])
+        high = (light.shadow_dependence(1, azimuth)[0] for light in (area, own))
+        np.testing.assert_array_equal(*high)
+    assert again > 20
+    assert differs > 10

@@ -49,7 +49,7 @@ def trade(build: Build) -> Trade:
 
 
 def test_a_wrong_tier_changes_points_and_the_others_do_not(trade: Trade) -> None:
-    rows = {row["accuracy"]: row for row in trade.rows}
+    rows = {row["accuracy"]: row for row in trade.tiers}
     assert list(rows) == ["draft", "standard", "high", "reference"]
     for tier in ("standard", "high", "reference"):
         found = rows[tier]
@@ -74,12 +74,12 @@ def test_a_wrong_tier_changes_points_and_the_others_do_not(trade: Trade) -> None
 
 def test_the_document_is_the_contracts(trade: Trade) -> None:
     document = json.loads(json.dumps(trade.document(), allow_nan=False))
-    for row in document["rows"]:
+    for row in document["tiers"]:
         assert set(row) >= CONTRACT
         assert row["seconds"] > 0.0
         assert row["memory_mb"] is None  # not measured in one process
         assert row["bound"] == TIERS[row["accuracy"]].node_error
-    assert document["rows"][-1]["seconds_relative"] == 1.0
+    assert document["tiers"][-1]["seconds_relative"] == 1.0
     compared = document["compared"]
     assert (compared["areas"], compared["rounds"], compared["threads"]) == (2, 1, 1)
     assert compared["areas_of"] >= 4
@@ -108,7 +108,7 @@ def test_seconds_are_medians_and_tiers_take_turns(
     monkeypatch.setattr(measurement, "_images", lambda *_: ({t: image_errors.ImageChanges() for t in TIERS}, None))  # fmt: skip
     trade = measure_trade(build, areas=2, rounds=3, isolated=False)
     assert (trade.compared["areas"], trade.compared["rounds"]) == (2, 3)
-    rows = trade.rows
+    rows = trade.tiers
     assert [row["seconds"] for row in rows] == [4.0, 8.0, 8.0, 8.0]
     assert [row["cpu_seconds"] for row in rows] == [2.0, 4.0, 4.0, 4.0]
     assert [row["seconds_relative"] for row in rows] == [0.5, 1.0, 1.0, 1.0]
@@ -179,7 +179,7 @@ def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> 
     report.write_trade(trade, folder)
     assert sorted(p.name for p in folder.iterdir()) == sorted(report.FILES)
     written = json.loads((folder / "trade.json").read_text())
-    assert written["advice"] == report.advice(trade.rows)
+    assert written["advice"] == report.advice(trade.tiers)
     with pytest.raises(OutputExistsError, match="`overwrite`"):
         report.write_trade(trade, folder)
     report.write_trade(trade, folder, overwrite=True)

@@ -20,6 +20,7 @@ from lcp_catalog.validation.advice import (
     advised,
     albedo_advice,
     better_catalog,
+    opposite_advice,
     turned_or_unlit,
 )
 from lcp_catalog.validation.ground_comparison import WindowComparison
@@ -85,6 +86,12 @@ def test_plain_ground_that_fails_asks_for_an_albedo_map() -> None:
     assert "try an albedo map" in albedo_advice(windows(0.9, 0.2))
     assert albedo_advice(windows(0.9, 0.9)) == ""
     assert albedo_advice(windows(0.2, 0.2)) == ""
+
+
+def test_exchanged_light_and_dark_mean_an_opposite_sun() -> None:
+    assert "-0.85: light and dark are exchanged" in opposite_advice(windows(-0.85, -0.85))
+    assert opposite_advice(windows(-0.3, -0.3)) == ""
+    assert opposite_advice(windows(0.9, 0.9)) == ""
 
 
 def test_an_image_that_is_turned_or_dark_is_explained(bump, above) -> None:

@@ -1,0 +1,552 @@
+"""What every approximation costs and changes on a user's own build: one alternative at a time around the
+configuration, on the same ground; and the configuration to take for a budget of time or of error.
+
+The alternatives of the registry (`approximations`) are computed in the order of their expected effect, until a
+limit of time. Where an alternative has other areas, all of those that reach into the sample are computed, and count with
+their share of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..approximations import APPROXIMATIONS
+from ..arrays import Array, Index, Mask
+from ..catalog.promise import kept_promise
+from ..catalog.schema import UNOCCLUDED, UNSHADOWED, evaluated
+from ..catalog.stored import StoredFile, stored_catalog
+from ..errors import ConfigError, LcpError
+from ..geometry.bounds import wrapped_deg
+from ..geometry.frames import direction_enu
+from ..landmarks.selection import Places, nearest
+from ..memory import peak_mb, restart_peak
+from ..production.area_job import AreaJob, Candidates, area_sweep, run_area
+from ..production.areas import AreaGrid, sample_places
+from ..production.assembly import choose
+from ..production.config import BuildConfig
+from ..production.estimate import FINISH_S, file_bytes
+from ..production.executor import children_start, processes
+from ..production.finished_area import table_of
+from ..production.recipe import InputFiles, Recipe
+from ..production.run import Build, BuildRun, Level
+from ..threads import limit_threads
+from .image_errors import CONTRAST, ImageChanges, judge
+from .point_changes import joined, sigma_m
+
+NEAR_CELLS = 2.0
+"""Cells within which two candidates are the same place: those of a point's own peak."""
+
+FREE_SHARE = 0.7
+"""Least share of the weight of neighbouring conditions that is unshadowed and unoccluded, as in a query."""
+
+SAVING = 0.03
+"""Least share of the time that an alternative must save to be taken: less is noise."""
+
+_VIEW_REACH_DEG = 20.0
+_LOWEST_SUNS = 2
+_T = (6.31, 2.92, 2.35, 2.13, 2.02, 1.94, 1.89, 1.86)  # two-sided 90 %, by degrees of freedom
+_LEAST_MATCHED = 0.5
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A configuration and how it differs from the user's: ``values`` of fields; ``turned``: True if a budget may take
+    it, because the catalogue that it gives answers the same questions; ``images``: True if it changes them.
+    """
+
+    knob: str
+    value: str
+    values: Mapping[str, Any]
+    turned: bool = False
+    images: bool = False
+
+
+@dataclass(frozen=True)
+class _Run:
+    """An area of a setting that was computed: processor time, peak of memory, candidates, and the differences of its images
+    from those of the user's configuration.
+    """
+
+    cpu_s: float
+    peak_mb: float
+    candidates: Candidates
+    images: ImageChanges | None
+    shifts_px: Array
+
+
+_ready: list[bool] = []
+"""Not empty in a process that has loaded its kernels."""
+
+
+def _run(job: AreaJob, usual: AreaJob | None) -> _Run:
+    """Compute an area on one thread. ``usual``: the same area under the user's configuration, for the images."""
+    with limit_threads(1):
+        if not _ready:  # loads kernels and fills caches
+            run_area(job)
+            _ready.append(True)
+        restart_peak()
+        start = time.process_time()
+        found = run_area(job)
+        spent = time.process_time() - start
+        images, shifts = _images(job, usual) if usual else (None, np.empty(0))
+    return _Run(spent, peak_mb(), found.candidates, images, shifts)
+
+
+def _images(job: AreaJob, usual: AreaJob) -> tuple[ImageChanges, Array]:
+    """Differences of the images under the lowest Suns, seen from the view nearest to straight down; and the shifts of
+    windows between them, cells.
+    """
+    pair = [area_sweep(one) for one in (usual, job)]
+    conditions = pair[0].conditions
+    low = np.zeros_like(conditions.reachable)
+    rows = np.flatnonzero(conditions.reachable.any(axis=1))[:_LOWEST_SUNS]
+    low[rows] = conditions.reachable[rows]
+    few = dataclasses.replace(conditions, reachable=low)
+    view = (int(np.argmin(conditions.off_nadir_deg)),)
+    changes, shifts = ImageChanges(), [np.empty(0)]
+    side = usual.recipe.config.points.patch_nodes
+    streams = (dataclasses.replace(sweep, conditions=few).images(view) for sweep in pair)
+    for exact, ours in zip(*streams, strict=True):
+        judge(changes, ours, exact)
+        shifts.append(window_shifts(exact.radiance, ours.radiance, side))
+    return changes, np.concatenate(shifts)
+
+
+def window_shifts(known: Array, seen: Array, side: int) -> Array:
+    """Lengths (n,) of the shifts, nodes, of the windows of an image in another, by least squares on shift, gain and
+    offset; of the windows of ``side`` nodes that are visible in both and have contrast.
+    """
+    found = []
+    for row in range(1, known.shape[0] - side, side):
+        for col in range(1, known.shape[1] - side, side):
+            part = np.s_[row - 1 : row + side + 1, col - 1 : col + side + 1]
+            whole, other = known[part].astype(np.float64), seen[part].astype(np.float64)[1:-1, 1:-1]
+            own = whole[1:-1, 1:-1]
+            if not (np.isfinite(whole).all() and np.isfinite(other).all()):
+                continue
+            if own.std() <= CONTRAST * own.mean() or other.std() <= CONTRAST * other.mean():
+                continue
+            east, south = (whole[1:-1, 2:] - whole[1:-1, :-2]), (whole[2:, 1:-1] - whole[:-2, 1:-1])
+            basis = np.stack([0.5 * east, 0.5 * south, own, np.ones_like(own)], -1).reshape(-1, 4)
+            along, down, gain, _ = np.linalg.lstsq(basis, other.ravel(), rcond=None)[0]
+            if gain > 0.0:
+                found.append(math.hypot(along, down) / gain)
+    return np.array(found)
+
+
+class Sample:
+    """Some areas of a build, and what every setting gives on their ground."""
+
+    def __init__(self, build: Build, config: BuildConfig, jobs: Sequence[AreaJob]) -> None:
+        self.build, self.jobs, self.level = build, jobs, build.levels[0]
+        self.config, self.grid = config, jobs[0].grid
+        self.boxes = {(job.task.row, job.task.column): k for k, job in enumerate(jobs)}
+        self.share = _work(jobs) / _work(self.level.jobs)
+
+    def level_of(self, values: Mapping[str, Any]) -> Level:
+        """The whole build with other values of fields."""
+        config = self.config.replaced(values)
+        recipe = self.build.recipe
+        own = Recipe.of(config, recipe.dems, recipe.region, InputFiles())
+        cell_m = config.gsd_m
+        if cell_m == self.config.gsd_m and AreaGrid.for_cell(cell_m, config.model) == self.grid:
+            jobs = (dataclasses.replace(job, recipe=own) for job in self.level.jobs)
+            return Level(own, self.level.cell, tuple(jobs))
+        return Level.plan(own, dataclasses.replace(self.level.cell, gsd_m=cell_m), None, None)
+
+    def parts(self, level: Level) -> list[tuple[AreaJob, float, AreaJob | None]]:
+        """The areas of a level that reach into the sample, the share of each that does, and the area of the user's
+        configuration that has the same nodes.
+        """
+        own = {job.task: job for job in self.jobs}
+        if level.jobs[0].grid == self.grid and level.recipe.gsd_m == self.config.gsd_m:
+            return [(job, 1.0, own[job.task]) for job in level.jobs if job.task in own]
+        found: list[tuple[AreaJob, float, AreaJob | None]] = []
+        for job in level.jobs:
+            lon, lat = sample_places(job.grid, job.task.row, job.task.column)
+            share = float(np.mean(self.owner(lon, lat) >= 0))
+            if share > 0.0:
+                found.append((job, share, None))
+        return found
+
+    def owner(self, lon_deg: Array, lat_deg: Array) -> Index:
+        """Number of the sample's area that holds each place; -1 for none."""
+        row, column = self.grid.owner(lon_deg, lat_deg)
+        pairs = zip(row.tolist(), column.tolist(), strict=True)
+        return np.array([self.boxes.get(pair, -1) for pair in pairs], dtype=np.int64)
+
+
+def _work(jobs: Sequence[AreaJob]) -> float:
+    """Nodes with their halo times conditions."""
+    halo = jobs[0].recipe.config.points.halo_nodes(jobs[0].recipe.gsd_m)
+    return sum(math.prod(j.task.window.grown(halo).shape) * j.conditions.count for j in jobs) or 1.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a setting gives on the sample: candidates there with the ``area`` of each, processor time, memory."""
+
+    level: Level
+    candidates: Candidates
+    area: Index
+    cpu_s: float
+    peak_mb: float
+    images: ImageChanges | None
+    shift_px: float | None
+
+    @classmethod
+    def of(
+        cls, sample: Sample, level: Level, shares: Sequence[float], runs: Sequence[_Run]
+    ) -> Outcome:
+        """The runs of the areas of a level, each with its share of the sample."""
+        every: Candidates = joined([run.candidates for run in runs])
+        area = sample.owner(every.lon_deg, every.lat_deg)
+        kept = np.flatnonzero(area >= 0)
+        images = [run.images for run in runs if run.images]
+        total = ImageChanges()
+        for one in images:
+            total.add(one)
+        shifts = np.concatenate([run.shifts_px for run in runs])
+        return cls(
+            level, _some(every, kept), area[kept],
+            sum(share * run.cpu_s for share, run in zip(shares, runs, strict=True)),
+            max(run.peak_mb for run in runs),
+            total if images else None, float(np.median(shifts)) if len(shifts) else None,
+        )  # fmt: skip
+
+
+def _some(candidates: Any, rows: Index) -> Any:
+    """A selection of candidates, and of the results in them."""
+    parts = {f.name: getattr(candidates, f.name) for f in dataclasses.fields(candidates)}
+    return dataclasses.replace(
+        candidates,
+        **{
+            name: None if v is None else _some(v, rows) if dataclasses.is_dataclass(v) else v[rows]
+            for name, v in parts.items()
+        },
+    )
+
+
+# -- conditions of two grids
+
+
+def _along(wanted: Sequence[float], given: Sequence[float], turn: float | None) -> Array:
+    """Weights (wanted, given), linear between neighbours; rows of zeros outside. ``turn``: the period."""
+    weights = np.zeros((len(wanted), len(given)))
+    for k, value in enumerate(wanted):
+        away = np.asarray(given) - value
+        away = wrapped_deg(away) if turn else away
+        if (near := np.abs(away) < 1e-6).any():
+            weights[k, np.argmax(near)] = 1.0
+            continue
+        below, above = (np.where(side, np.abs(away), np.inf) for side in (away < 0, away > 0))
+        low, high = int(np.argmin(below)), int(np.argmin(above))
+        step = below[low] + above[high]
+        if math.isfinite(step):
+            weights[k, low], weights[k, high] = above[high] / step, below[low] / step
+    return weights
+
+
+def _of_views(wanted: Any, given: Any) -> Array:
+    """Weights (wanted, given): the nearest view within reach."""
+    pairs = [
+        direction_enu(np.array(v.azimuth_deg), 90.0 - np.array(v.off_nadir_deg))
+        for v in (wanted, given)
+    ]
+    cosine = np.clip(pairs[0] @ pairs[1].T, -1.0, 1.0)
+    near = np.eye(len(given))[np.argmax(cosine, axis=1)]
+    reached = np.degrees(np.arccos(cosine.max(axis=1))) <= _VIEW_REACH_DEG
+    return np.asarray(near * reached[:, None])
+
+
+@dataclass(frozen=True)
+class _Claims:
+    """Claims (n, view, elevation, azimuth) at the cells: whether there is one, its probability, and whether it is usable."""
+
+    known: Mask
+    detection: Array
+    usable: Mask
+
+    @classmethod
+    def at(cls, candidates: Candidates, own: BuildConfig, wanted: BuildConfig) -> _Claims:
+        """The claims of candidates under a configuration at the views and Suns of another."""
+        weights = (
+            _of_views(wanted.view, own.view),
+            _along(wanted.sun.elevations_deg, own.sun.elevations_deg, None),
+            _along(wanted.sun.azimuths_deg, own.sun.azimuths_deg, 360.0),
+        )
+
+        def mean(values: Array) -> Array:
+            for axis, weight in enumerate(weights, start=1):
+                values = np.moveaxis(np.tensordot(values, weight, (axis, 1)), -1, axis)
+            return values
+
+        condition = candidates.evaluation.condition
+        chance = candidates.evaluation.detection[:, 0].astype(np.float64)
+        stated = evaluated(condition) & np.isfinite(chance)
+        weight = mean(stated.astype(np.float64))
+        free = UNSHADOWED | UNOCCLUDED
+        clear = mean((stated & ((condition & free) == free)).astype(np.float64))
+        known = weight >= 0.5
+        with np.errstate(invalid="ignore", divide="ignore"):
+            detection = mean(np.where(stated, chance, 0.0)) / weight
+            usable = (
+                known
+                & (detection >= own.points.min_detection - 1e-9)
+                & (clear >= FREE_SHARE * weight - 1e-9)
+            )
+        return cls(known, np.where(known, detection, np.nan), usable)
+
+
+def _wanted(usual: BuildConfig, other: BuildConfig) -> BuildConfig:
+    """The configuration with the finer grid of views and Suns."""
+    more = len(other.view) * len(other.sun.azimuths_deg) * len(other.sun.elevations_deg)
+    return (
+        other
+        if more > len(usual.view) * len(usual.sun.azimuths_deg) * len(usual.sun.elevations_deg)
+        else usual
+    )
+
+
+# -- rows
+
+
+def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> Row:
+    """A row of the table: a setting beside the user's configuration."""
+    before, after = usual.candidates, found.candidates
+    config, own = usual.level.recipe.config, found.level.recipe.config
+    near_m = NEAR_CELLS * config.gsd_m
+    at, away_m = nearest(
+        Places(before.lon_deg, before.lat_deg), Places(after.lon_deg, after.lat_deg)
+    )
+    here = np.flatnonzero(away_m <= near_m)
+    there = at[here]
+    wanted = _wanted(config, own)
+    old, new = (
+        _Claims.at(_some(some, rows), of, wanted)
+        for some, rows, of in ((before, here, config), (after, there, own))
+    )
+    changed = (old.usable != new.usable) & old.known
+    by_area = [
+        float(changed[group].sum() / old.known[group].sum())
+        for k in range(len(sample.jobs))
+        if old.known[group := usual.area[here] == k].any()
+    ]
+    share = float(changed.sum() / old.known.sum()) if old.known.any() else None
+    shift = np.abs(old.detection - new.detection)
+    shift = shift[np.isfinite(shift)]
+    sigma = [
+        sigma_m(some, of)[rows] for some, of, rows in ((before, config, here), (after, own, there))
+    ]
+    both = (sigma[0] > 0.0) & (sigma[1] > 0.0) & np.isfinite(sigma[0]) & np.isfinite(sigma[1])
+    chosen = [
+        Places(some.lon_deg[rows], some.lat_deg[rows])
+        for some, of in ((before, config), (after, own))
+        for rows in (choose(table_of(some, of), of),)
+    ]
+    lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
+    points = len(chosen[1].lon_deg) / sample.share
+    return {
+        "knob": setting.knob,
+        "value": setting.value,
+        "default": setting.knob == "",
+        "accuracy": own.model.precision.tier,
+        "seconds": found.cpu_s,
+        "seconds_relative": found.cpu_s / usual.cpu_s,
+        "build_seconds": found.cpu_s / sample.share + FINISH_S,
+        "memory_mb": found.peak_mb,
+        "bytes": file_bytes(found.level, points),
+        "sunlit_error_share": found.images.sunlit_error_share if found.images else None,
+        "radiance_rmse": found.images.radiance_rmse if found.images else None,
+        "points": len(chosen[1].lon_deg),
+        "points_lost": lost,
+        "points_gained": gained,
+        "matched_share": len(here) / max(1, len(before)),
+        "conditions_changed_share": share,
+        "interval": _interval(by_area),
+        "detection_change_mean": float(shift.mean()) if len(shift) else None,
+        "detection_change_max": float(shift.max()) if len(shift) else None,
+        "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,
+        "shift_cells": found.shift_px,
+        "promise_change": None,
+    }
+
+
+def _interval(shares: Sequence[float]) -> list[float] | None:
+    """The 90 % interval of the mean of the areas' shares; None for one area."""
+    if len(shares) < 2:
+        return None
+    half = (
+        _T[min(len(shares) - 2, len(_T) - 1)]
+        * float(np.std(shares, ddof=1))
+        / math.sqrt(len(shares))
+    )
+    return [max(0.0, float(np.mean(shares)) - half), min(1.0, float(np.mean(shares)) + half)]
+
+
+# -- the measurement
+
+
+TURNED = (
+    "accuracy tier", "reflectance law", "one direction per area", "Sun azimuths, interpolated between",
+    "Sun elevations, interpolated between", "candidates per cell", "search at half resolution first",
+    "searched again near the limit", "point Sun", "far terrain", "number of rivals",
+)  # fmt: skip
+"""Approximations that a budget may turn: the catalogue stays the one that was asked for."""
+
+
+def settings(config: BuildConfig) -> list[Setting]:
+    """The alternatives to a configuration, those of the greatest expected effect first."""
+    order = sorted(APPROXIMATIONS, key=lambda one: -one.expected)
+    return [
+        Setting(one.name, name, values, one.name in TURNED, bool(one.effects))
+        for one in order
+        for name, values in one.values(config).items()
+    ]
+
+
+class Measurement:
+    """Settings that are computed on a sample with some processes (0: in this one), until ``until``, a time of
+    `time.monotonic`.
+    """
+
+    def __init__(self, sample: Sample, workers: int, until: float) -> None:
+        self.sample, self.workers, self.until = sample, workers, until
+
+    def outcomes(self, wanted: Sequence[Setting]) -> Iterator[tuple[Setting, Outcome | str]]:
+        """What each setting gives, or why it was not measured, in the order in which they are done."""
+        with ExitStack() as stack:
+            pool = stack.enter_context(processes(self.workers)) if self.workers else None
+            waiting: dict[Future[Any], tuple[int, int]] = {}
+            open_: dict[int, tuple[Level, list[float], list[Any]]] = {}
+            left = list(enumerate(wanted))
+            queue: list[tuple[int, int, AreaJob, AreaJob | None]] = []
+            while left or queue or waiting:
+                while not queue and left and len(waiting) <= self.workers:
+                    number, setting = left.pop(0)
+                    if time.monotonic() > self.until and setting.knob:
+                        yield setting, "the time limit was reached"
+                        continue
+                    try:
+                        level = self.sample.level_of(setting.values)
+                        parts = self.sample.parts(level)
+                    except LcpError as error:  # a cell below the DEM's, a spacing of too few cells
+                        yield setting, str(error)
+                        continue
+                    open_[number] = (level, [share for _, share, _ in parts], [None] * len(parts))
+                    queue += [
+                        (number, k, job, same if setting.images else None)
+                        for k, (job, _, same) in enumerate(parts)
+                    ]
+                if pool is None and queue:
+                    number, k, job, same = queue.pop(0)
+                    open_[number][2][k] = _run(job, same)
+                elif pool is not None:
+                    while queue and len(waiting) <= self.workers:
+                        number, k, job, same = queue.pop(0)
+                        with children_start():
+                            waiting[pool.submit(_run, job, same)] = (number, k)
+                    for future in (
+                        wait(waiting, return_when=FIRST_COMPLETED).done if waiting else ()
+                    ):
+                        number, k = waiting.pop(future)
+                        open_[number][2][k] = future.result()
+                for number in [
+                    n for n, (_, _, runs) in open_.items() if all(r is not None for r in runs)
+                ]:
+                    level, shares, runs = open_.pop(number)
+                    yield wanted[number], Outcome.of(self.sample, level, shares, runs)
+
+    def rows(
+        self, usual: Outcome, wanted: Sequence[Setting], whole: bool
+    ) -> Iterator[tuple[Setting, Row | str]]:
+        """The rows of settings, or why they were not measured. ``whole``: the sample is the whole build, and each
+        catalogue is written for its promise and its size.
+        """
+        before = _promise(usual.level, self.sample) if whole else None
+        for setting, found in self.outcomes(wanted):
+            if isinstance(found, str):
+                yield setting, found
+                continue
+            row = row_of(self.sample, setting, usual, found)
+            if before and (after := _promise(found.level, self.sample)):
+                row["promise_change"] = after[0] - before[0]
+                row["bytes"] = after[1]
+            yield setting, row
+
+
+def _promise(level: Level, sample: Sample) -> tuple[float, int] | None:
+    """Share of its promise that a whole build keeps, and the size of its file; None without a promise."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder, "c.h5")
+        BuildRun(dataclasses.replace(sample.build, levels=(level,)), output, jobs=2).whole()
+        kept = kept_promise(stored_catalog(StoredFile.of(output)))
+        return (float(kept["kept_share"]), output.stat().st_size) if kept else None
+
+
+# -- the configuration to take
+
+
+def proposal(
+    rows: Sequence[tuple[Setting, Row]], usual: Row, budget_s: float | None, error: float | None
+) -> list[Setting]:
+    """The settings to take together, at most one of an approximation: those that save most time for their error until the
+    build takes ``budget_s`` of processor time, or as long as their errors are within ``error``; where the budget exceeds
+    the build's time, those that remove most error for their time. Times multiply and errors add.
+    """
+    some = [
+        (setting, row["seconds_relative"], row["conditions_changed_share"])
+        for setting, row in rows
+        if setting.turned
+        and row["conditions_changed_share"] is not None
+        and row["matched_share"] >= _LEAST_MATCHED
+    ]
+    factor = budget_s / usual["build_seconds"] if budget_s else 0.0
+    finer = factor > 1.0
+    taken: dict[str, Setting] = {}
+    time_, wrong = 1.0, 0.0
+    some = [(s, t, e) for s, t, e in some if (t > 1.0 + SAVING if finer else t < 1.0 - SAVING)]
+    some.sort(key=lambda one: (one[2] + 1e-9) / abs(math.log(one[1])), reverse=finer)
+    for setting, relative, share in some:
+        if setting.knob in taken:
+            continue
+        if finer and time_ * relative > factor:
+            continue
+        if error is not None and wrong + share > error:
+            continue
+        if not finer and budget_s and time_ <= factor:
+            break
+        taken[setting.knob] = setting
+        time_, wrong = time_ * relative, wrong + share
+    return list(taken.values())
+
+
+def together(chosen: Sequence[Setting]) -> Setting:
+    """Several settings as one."""
+    values: dict[str, Any] = {}
+    for one in chosen:
+        values |= one.values
+    return Setting("together", "; ".join(f"{one.knob}: {one.value}" for one in chosen), values)
+
+
+def require_one(budget_s: float | None, error: float | None) -> None:
+    """ConfigError for a budget of both time and error, or for one that is not positive."""
+    if budget_s is not None and error is not None:
+        raise ConfigError("give a budget of time or a greatest error, not both")
+    if (budget_s is not None and not budget_s > 0.0) or (
+        error is not None and not 0.0 <= error <= 1.0
+    ):
+        raise ConfigError("a budget must be positive, an error a share from 0 to 1")

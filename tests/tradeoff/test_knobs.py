@@ -1,0 +1,207 @@
+"""Every approximation on a user's build: rows that count what is different, and the configuration for a budget."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.trades import CONFIG, cratered_dem
+
+from lcp_catalog.approximations import APPROXIMATIONS
+from lcp_catalog.catalog.schema import UNSHADOWED, evaluated, usable
+from lcp_catalog.errors import ConfigError
+from lcp_catalog.production.area_job import run_area
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.run import Build
+from lcp_catalog.tradeoff import knobs, measurement, report
+from lcp_catalog.tradeoff.image_errors import ModelChanges
+from lcp_catalog.tradeoff.knobs import Setting, proposal, window_shifts
+from lcp_catalog.tradeoff.measurement import Budget, Trade, measure_all
+
+EMPTY = Trade([], {}, None, ModelChanges())
+
+CONTRACT = {
+    *("knob", "value", "default", "accuracy", "seconds", "memory_mb", "bytes"),
+    *("sunlit_error_share", "radiance_rmse", "points_lost", "points_gained"),
+    *("conditions_changed_share", "detection_change_mean", "detection_change_max"),
+    *("sigma_ratio", "shift_cells", "promise_change", "interval"),
+}
+
+SOME = [
+    Setting("dependence", "0", {"points.max_dependence": 0.0}, True),
+    Setting("same", "same", {"points.rivals": 64}, True),
+    Setting(
+        "views",
+        "one",
+        {
+            "view.off_nadir_deg": (30.0,),
+            "view.azimuth_deg": (90.0,),
+            "view.altitude_km": (math.inf,),
+        },
+    ),
+    Setting("direction", "0.35", {"model.direction_tolerance_deg": 0.35}, True),
+    Setting("Sun", "disc", {"model.sun": "disc"}, True, True),
+    Setting("impossible", "cell", {"area.gsd_m": 0.001}),
+]
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    return Build.plan((cratered_dem(tmp_path_factory.mktemp("dem")),), CONFIG)
+
+
+@pytest.fixture(scope="module")
+def found(build: Build) -> Trade:
+    patch = pytest.MonkeyPatch()
+    patch.setattr(measurement, "settings", lambda config: SOME)
+    try:
+        return measure_all(EMPTY, build, 2, Budget(error=1.0), math.inf, workers=0)
+    finally:
+        patch.undo()
+
+
+def test_rows_are_the_contracts_and_count_what_changes(found: Trade, build: Build) -> None:
+    rows = {row["knob"]: row for row in json.loads(json.dumps(found.document()))["rows"]}
+    assert all(set(row) >= CONTRACT for row in rows.values())
+    assert [row["default"] for row in rows.values()] == [True, *[False] * (len(rows) - 1)]
+    for name in ("", "same"):
+        row = rows[name]
+        assert row["conditions_changed_share"] == row["detection_change_max"] == 0.0
+        assert row["points_lost"] == row["points_gained"] == 0
+        assert row["sigma_ratio"] == 1.0
+    # independently: without any dependence a usable condition stays so if no shadow falls into the patch
+    changed = judged = 0
+    for k in measurement.spread(build, 2):
+        own = run_area(build.jobs[k]).candidates.evaluation
+        works = usable(own.condition)
+        cast = (own.shadow_dependence > 0.0) | (own.occlusion_dependence > 0.0)
+        changed += int((works & cast).sum())
+        judged += int(evaluated(own.condition).sum())
+        assert (own.condition & UNSHADOWED).any()
+    assert rows["dependence"]["conditions_changed_share"] == pytest.approx(changed / judged)
+    assert changed > 0
+    low, high = rows["dependence"]["interval"]
+    assert low <= rows["dependence"]["conditions_changed_share"] <= high
+
+
+def test_conditions_that_are_no_longer_stated_count_as_changed(found: Trade, build: Build) -> None:
+    """One of two views 30 deg apart is left: the other's usable conditions are lost."""
+    (row,) = (row for row in found.rows if row["knob"] == "views")
+    lost = judged = 0
+    for k in measurement.spread(build, 2):
+        condition = run_area(build.jobs[k]).candidates.evaluation.condition
+        lost += int(usable(condition)[:, 1].sum())
+        judged += int(evaluated(condition).sum())
+    assert row["matched_share"] == 1.0 or row["matched_share"] > 0.5
+    if row["matched_share"] == 1.0:
+        assert row["conditions_changed_share"] == pytest.approx(lost / judged)
+
+
+def test_other_areas_cover_the_same_ground(found: Trade) -> None:
+    (row,) = (row for row in found.rows if row["knob"] == "direction")
+    assert row["matched_share"] > 0.3
+    assert row["seconds_relative"] > 1.2  # more areas, each with its halo
+
+
+def test_a_disc_shifts_windows_by_little(found: Trade) -> None:
+    (row,) = (row for row in found.rows if row["knob"] == "Sun")
+    assert 0.0 < row["shift_cells"] < 0.1
+    assert row["sunlit_error_share"] > 0.0
+
+
+def test_what_is_not_measured_is_named(
+    found: Trade, build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unpriced = {one.name for one in APPROXIMATIONS if one.unpriced}
+    assert set(found.not_measured) == unpriced | {"impossible, cell"}
+    monkeypatch.setattr(measurement, "settings", lambda config: SOME[:2])
+    late = measure_all(EMPTY, build, 1, Budget(), 0.0, workers=0)
+    assert len(late.rows) == 1
+    assert late.not_measured["same, same"] == "the time limit was reached"
+    assert late.rows[0]["interval"] is None  # one area
+
+
+def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
+    assert found.best is not None
+    assert found.best_row is not None
+    folder = tmp_path / "t"
+    folder.mkdir()
+    (folder / "best.toml").write_text(report._from(folder, found.best))
+    read = BuildConfig.from_toml(folder / "best.toml")
+    assert read.points == found.best.points
+    assert found.best_row["knob"] == "together"
+    table = "\n".join(report.knobs_markdown(found))
+    assert "your configuration" in table
+    assert "impossible, cell" in table
+    assert str(report.knobs_chart(found.rows)).count("<circle") == sum(
+        row["conditions_changed_share"] is not None for row in found.rows
+    )
+
+
+def _row(relative: float, error: float) -> dict[str, Any]:
+    return {
+        "seconds_relative": relative,
+        "conditions_changed_share": error,
+        "matched_share": 1.0,
+        "build_seconds": 100.0,
+    }
+
+
+def test_a_budget_takes_what_saves_most_for_its_error() -> None:
+    rows = [
+        (Setting("a", "1", {}, True), _row(0.5, 0.01)),
+        (Setting("a", "2", {}, True), _row(0.4, 0.2)),
+        (Setting("b", "1", {}, True), _row(0.9, 0.001)),
+        (Setting("c", "not the same catalogue", {}, False), _row(0.1, 0.0)),
+        (Setting("d", "finer", {}, True), _row(2.0, 0.05)),
+    ]
+    usual = _row(1.0, 0.0)
+
+    def taken(budget_s: float | None, error: float | None) -> list[str]:
+        return [one.knob + one.value for one in proposal(rows, usual, budget_s, error)]
+
+    assert taken(95.0, None) == ["b1"]
+    assert taken(50.0, None) == ["b1", "a1"]
+    assert taken(None, 0.005) == ["b1"]
+    assert taken(None, 0.02) == ["b1", "a1"]
+    assert taken(None, 0.0) == []
+    assert taken(250.0, None) == ["dfiner"]
+    assert taken(150.0, None) == []
+
+
+@pytest.mark.parametrize("given", [(1.0, 0.1), (0.0, None), (None, 2.0)])
+def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None]) -> None:
+    with pytest.raises(ConfigError):
+        knobs.require_one(*given)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.02, 0.1])
+def test_shifts_of_windows_are_those_of_the_image(shift: float) -> None:
+    """A sum of waves, moved exactly, under another gain and offset."""
+    rng = np.random.default_rng(2)
+    waves = [(rng.uniform(-0.5, 0.5, 2), rng.uniform(0.0, 6.3)) for _ in range(12)]
+
+    def image(east: float) -> np.ndarray:
+        y, x = np.mgrid[:70, :70].astype(float)
+        return 5.0 + sum(np.sin(k[0] * (x - east) + k[1] * y + at) for k, at in waves)  # type: ignore[no-any-return]
+
+    found = window_shifts(image(0.0), 1.7 * image(shift) + 0.3, 33)
+    assert found == pytest.approx(np.full(4, shift), abs=0.06 * shift + 1e-9)
+
+
+def test_weights_are_linear_and_turn_around() -> None:
+    given = (0.0, 90.0, 180.0, 270.0)
+    wanted = (0.0, 22.5, 315.0)
+    np.testing.assert_allclose(
+        knobs._along(wanted, given, 360.0),
+        [[1.0, 0.0, 0.0, 0.0], [0.75, 0.25, 0.0, 0.0], [0.5, 0.0, 0.0, 0.5]],
+    )
+    heights = knobs._along((5.0, 7.0, 90.0, 2.0), (5.0, 10.0, 30.0), None)
+    values = np.array([1.0, 3.0, 7.0])
+    np.testing.assert_allclose(
+        heights @ values, [1.0, np.interp(7.0, (5, 10, 30), values), 0.0, 0.0]
+    )
