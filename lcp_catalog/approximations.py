@@ -171,7 +171,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "parallel or near views",
         "radians: half the patch and the search radius over the distance, stated by the scene plan; parallel below `model.direction_tolerance_deg`",
-        ("view.altitude_km",), _altitudes, effects=("perspective",), expected=0.01,
+        ("view.altitude_km",), _altitudes, effects=("perspective",), expected=0.0001,
     ),
     Approximation(
         "views, interpolated between",

@@ -339,13 +339,15 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         _Claims.at(_some(some, rows), of, wanted)
         for some, rows, of in ((before, here, config), (after, there, own))
     )
-    changed = (old.usable != new.usable) & old.known
+    # Suns of a finer grid that never occur are not judged
+    judged = old.known & new.known if wanted is not config else old.known
+    changed = (old.usable != new.usable) & judged
     by_area = [
-        float(changed[group].sum() / old.known[group].sum())
+        float(changed[group].sum() / judged[group].sum())
         for k in range(len(sample.jobs))
-        if old.known[group := usual.area[here] == k].any()
+        if judged[group := usual.area[here] == k].any()
     ]
-    share = float(changed.sum() / old.known.sum()) if old.known.any() else None
+    share = float(changed.sum() / judged.sum()) if judged.any() else None
     shift = np.abs(old.detection - new.detection)
     shift = shift[np.isfinite(shift)]
     sigma = [
