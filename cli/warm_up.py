@@ -16,7 +16,7 @@ def compile_missing(command: str) -> None:
     from .progress import progress
 
     if found := missing(command):
-        say(f"compiling {len(found)} kernels for this machine, the first time only")
+        say(f"compiling kernels for this machine, the first time only: {len(found)}")
         with progress("kernels", [entry.seconds for entry in found]) as update:
             compile_kernels(found, update)
 

@@ -32,6 +32,8 @@ def test_a_command_says_that_it_compiles_and_only_then(
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "own"))
     monkeypatch.setattr(warm_up, "entries", lambda *_: [SMALL])
     module.compile_missing("render")
-    assert capsys.readouterr().err.startswith("compiling 1 kernels for this machine")
+    assert capsys.readouterr().err.startswith(
+        "compiling kernels for this machine, the first time only: 1\n"
+    )
     module.compile_missing("render")
     assert capsys.readouterr().err == ""
