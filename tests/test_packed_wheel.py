@@ -108,8 +108,9 @@ def test_the_first_build_from_the_wheel_compiles_nothing(tmp_path: Path) -> None
     assert not list((tmp_path / "own").rglob("*.kernel"))
     assert not list((tmp_path / "tmp").rglob("*.kernel"))
     where = "from lcp_catalog.kernels import cache; print(cache.__file__, cache.key())"
+    command = [str(env / "bin" / "python"), "-c", where]
     found = subprocess.run(
-        [str(env / "bin" / "python"), "-c", where], capture_output=True, text=True, check=True
+        command, env=here, cwd=tmp_path, capture_output=True, text=True, check=True
     )
     assert found.stdout.split()[0].startswith(str(site))
     assert found.stdout.split()[1] == cache.key()
