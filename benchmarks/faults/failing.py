@@ -530,6 +530,8 @@ class Trial:
         ugly = any("unexpected" in line for line in own)
         if fault.kind == "malloc":  # GDAL says it itself
             own, ugly = [line for line in own if not line.startswith("ERROR ")], False
+            if own and own[0].startswith("Fatal Python error"):  # of a fork of the interpreter
+                own = own[-1:]
         if len(own) != 1 or ugly or not own[0].startswith(("lcp: ", "Error: ")):
             return f"not one line: {own}"
         return (

@@ -7,6 +7,7 @@ closed along the pole's edge of the map.
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -134,7 +135,8 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
                 )
 
     try:
-        write_checked(write, path)
+        with warnings.catch_warnings(action="ignore"):  # GDAL's, of what `write_checked` finds
+            write_checked(write, path)
     finally:
         pyogrio.set_gdal_config_options(before)
 

@@ -7,8 +7,11 @@ import importlib
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
+from typing import Any
 
+import pyogrio
 import pytest
 from helpers import catalogs
 from helpers.commands import refusal
@@ -138,6 +141,21 @@ def test_a_file_that_cannot_grow_is_one_line(
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (1, "", 1), done.stderr
     assert f"{out}: cannot be written: " in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_warnings_of_gdal_are_not_printed(
+    catalog: str, tmp_path: Path, monkeypatch, recwarn
+) -> None:
+    """GDAL warns of a header that it could not write, beside the line of the refusal."""
+    real = pyogrio.raw.write
+
+    def warned(*arguments: Any, **more: Any) -> None:
+        warnings.warn("GPKG: bad application_id", RuntimeWarning, stacklevel=2)
+        real(*arguments, **more)
+
+    monkeypatch.setattr("pyogrio.raw.write", warned)
+    assert run(["export", catalog, "-o", str(tmp_path / "o.gpkg")]) == 0
+    assert [one for one in recwarn if "GPKG" in str(one.message)] == []
 
 
 @pytest.mark.parametrize("ending", [".gpkg", ".bds"])
