@@ -286,13 +286,17 @@ class Attempts:
         self._redirect(streams, os.O_APPEND)
         raise _Branched
 
-    def _at_stations(self, do: Callable[[dict[str, int]], object], apart: bool) -> None:
+    def _at_stations(
+        self, place: Path, do: Callable[[dict[str, int]], object], apart: bool
+    ) -> None:
         """Call a function at each station of the command of this process; what checks a catalogue ``apart``, or here."""
         last: dict[str, int] = {}
 
         def stop() -> None:
             here, numbers = self._counted(), self._state[: _COUNTS.start]
             if self._on_the_way != os.getpid() or here == last or _has_workers():
+                return
+            if _open_files(place) - {os.O_RDONLY}:
                 return
             last.update(here)
             self._arm(0)
@@ -350,7 +354,7 @@ class Attempts:
             os.chdir(place)
             os.environ["TMPDIR"] = tempfile.tempdir = str(place)
             if at_stations:
-                self._at_stations(at_stations, apart)
+                self._at_stations(place, at_stations, apart)
             self._arm(1)
             code = run(words.split())
             self._arm(0)
