@@ -29,7 +29,7 @@ BUDGETS = {
     # 155 commands that fork before the call that fails, 38 in checks and where outputs begin
     # 1 plain windows
     # 1 plain windows, 1 share of the noise that displaces simulated matches
-    "code lines, benchmarks": 4917,
+    "code lines, benchmarks": 4923,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -40,7 +40,7 @@ BUDGETS = {
     # 78 ellipses by a part of the noise, an error model for each kind of images
     # 239 own files of compiled kernels, CPU levels, their list and the pool that compiles it
     # 624 what each costs and changes (330), its table and chart (150), the configuration for a budget; 55 own Suns; 12 opposite Sun
-    "code lines, lcp_catalog": 44691,
+    "code lines, lcp_catalog": 44693,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -58,7 +58,7 @@ BUDGETS = {
     # 346 ellipses by a part of the noise, sharpness tried
     # 59 compiled kernels
     # 250 the trade of all approximations
-    "words of docs": 52464,
+    "words of docs": 52489,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
