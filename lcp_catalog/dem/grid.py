@@ -359,7 +359,7 @@ def _within(values: Array, low: float, high: float) -> bool:
 
 def _tidy(value: float) -> float:
     """The value without rounding errors of the last bits, so that an edge at 30 deg is 30."""
-    return round(value, 10) + 0.0
+    return round(float(value), 10) + 0.0
 
 
 def _cylinder_misstated(grid: Grid, label: Label) -> list[str]:

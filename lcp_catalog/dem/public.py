@@ -88,6 +88,13 @@ class DemInfo:
     dems: DemSet
     heights: tuple[HeightStatistics, ...] | None
 
+    def __repr__(self) -> str:
+        """The set in short: `files` and `whole` hold the figures."""
+        box = ", ".join(f"{name} {value:.6g}" for name, value in self.whole["bounds"].items())
+        products = ", ".join(sorted({str(one["product"]) for one in self.files})[:5])
+        count = f"{len(self.files)} file{'s' * (len(self.files) != 1)}"
+        return f"<DemInfo: {count} ({products}), {self.whole['covered_km2']:.6g} km2, {box}>"
+
 
 def dem_info(
     dem: Dems,

@@ -125,6 +125,12 @@ class Fix:
     sun: SunCheck | None = None
     by: str = BY_POINTS  # or `BY_ALL_POINTS`; few points may then be found alone
 
+    def __repr__(self) -> str:
+        """The result in short: an image has hundreds of matches."""
+        count = f"{self.matches.found.sum()} of {len(self.matches.point)} points found"
+        sigma = "" if self.pose is None else f", 1 sigma {self.pose.position_sigma_m:.4g} m"
+        return f"<Fix: {self.verdict}, {count}{sigma}>"
+
     @classmethod
     def scored(
         cls,

@@ -218,12 +218,13 @@ def frame_lines(answers: Iterable[Answer]) -> Iterator[str]:
 
 def result_line(answer: Answer) -> str:
     """One line on the points and the position."""
-    others = ", ".join(
+    causes = ", ".join(
         f"{answer.counts[cause]} {text}" for cause, text in MEANINGS.items() if answer.counts[cause]
     )
     azimuth, elevation = answer.sun_deg
-    if not answer.usable and elevation < 0.0:
-        others += f"; it is {-elevation:.1f} deg below the horizon, towards azimuth {azimuth:.0f}"
+    night = f"the Sun is {-elevation:.1f} deg below the horizon, towards azimuth {azimuth:.0f}"
+    dark = not answer.usable and elevation < 0.0
+    others = "; ".join(filter(None, (causes, night if dark else "")))
     listed = f", {len(answer.rows)} listed" if len(answer.rows) < answer.usable else ""
     return (
         f"{answer.usable} of {answer.counts['in_view']} points in view usable{listed}"

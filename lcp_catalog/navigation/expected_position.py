@@ -321,6 +321,15 @@ class Answer:
     sun_deg: tuple[float, float]  # azimuth and elevation of the Sun below the sensor
     joint: JointDetection  # of all points in view with a claim
 
+    def __repr__(self) -> str:
+        """The answer in short: a frame has hundreds of points."""
+        sigma = self.position.position_sigma_m
+        known = "no position" if sigma is None else f"position to {sigma:.4g} m"
+        return (
+            f"<Answer: {self.usable} of {self.counts['in_view']} points in view usable, {len(self.rows)} listed, "
+            f"{known}, located with probability {self.joint.located:.2f}>"
+        )
+
     @property
     def sensor_position_m(self) -> Array:
         """Position (3,) of the sensor, MCMF; of a scanner, at the middle line of its image."""

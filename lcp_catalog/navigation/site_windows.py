@@ -77,6 +77,16 @@ class SiteWindows:
     position_sigma_m: Array | None = None
     located: Array | None = None
 
+    def __repr__(self) -> str:
+        """The result in short: it may have thousands of instants."""
+        count = len(self.times)
+        ends = [self.times[k : k + 1].labels()[0] for k in (0, count - 1)] if count else []
+        usable = f"{self.usable.min()} to {self.usable.max()}" if count else "none"
+        return (
+            f"<SiteWindows: {self.points} points, {' to '.join(ends) or 'no time'}, "
+            f"{count} instants, {usable} of them usable>"
+        )
+
     def intervals(self, least: int = LEAST_POINTS) -> list[dict[str, Any]]:
         """Runs of instants with at least ``least`` usable points."""
         names = self.times.labels()

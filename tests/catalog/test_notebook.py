@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import rasterio
 from astropy.time import Time
-from helpers import catalogs, navigable, posed
+from helpers import catalogs, navigable, posed, verdicts
 
 import lcp_catalog as lcp
 from lcp_catalog import errors
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, MissingPackageError
+from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, Fix
 
 
 @pytest.fixture(scope="module", params=["memory", "file"])
@@ -40,6 +41,33 @@ def test_texts_are_short(catalog: lcp.Catalog) -> None:
     assert text.count("<tr>") == text.count("</tr>") > 10
     assert "<td>20</td>" in text
     assert "Sun at" in text
+
+
+def test_results_have_short_texts_with_plain_numbers() -> None:
+    """Of a result with long arrays: its kind and what it says, in at most 300 characters."""
+    ground, camera = navigable.everywhere_usable(200), posed.camera()
+    answer = ground.query(camera, (90.0, 20.0))
+    site = ground.windows(catalogs.CENTER, "2026-01-01", "2026-04-01", "1h")
+    found, places = verdicts.matches(500)
+    fix = Fix(LOCATED, "", found, verdicts.solved(found, places))
+    dem = lcp.dem_info(catalogs.HADLEY)
+    assert "np." not in f"{dem.files}{dem.whole}"
+    in_view = answer.counts["in_view"]
+    for one, says in (
+        (answer, f"{answer.usable} of {in_view} points in view usable"),
+        (answer, f"position to {answer.position.position_sigma_m:.4g} m"),
+        (answer, f"probability {answer.joint.located:.2f}"),
+        (site, f"{site.points} points, 2026-01-01T00:00:00Z to 2026-04-01T00:00:00Z"),
+        (site, f"2161 instants, {site.usable.min()} to {site.usable.max()} of them usable"),
+        (fix, f"located, {fix.matches.found.sum()} of 500 points found, 1 sigma"),
+        (Fix(CANNOT_SAY, "no point", fix.matches.none()), "cannot say, 0 of 0 points found>"),
+        (dem, "1 file (GLD100_256), 83229.8 km2, west 0, south 20, east 10, north 30"),
+    ):
+        text = repr(one)
+        assert text.startswith(f"<{type(one).__name__}: ")
+        assert says in text
+        assert len(text) <= 300
+        assert "np." not in text
 
 
 def test_points_one_by_one(catalog: lcp.Catalog) -> None:

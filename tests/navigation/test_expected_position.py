@@ -5,6 +5,7 @@ solved by scipy.
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import replace
 
 import cv2
@@ -20,6 +21,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.navigation.documents import result_line
 from lcp_catalog.navigation.expected_position import (
     Answer,
     Information,
@@ -41,6 +43,17 @@ def asked(catalog: Catalog, taken: Camera, query: Query = ALL) -> Answer:
 @pytest.fixture(scope="module")
 def catalog() -> Catalog:
     return everywhere_usable()
+
+
+def test_a_sun_below_the_horizon_is_said_after_the_causes(catalog: Catalog) -> None:
+    """With points in view, which have a cause, and with none."""
+    night = r"the Sun is \d+\.\d deg below the horizon, towards azimuth \d+\);"
+    causes = r"\d+ Sun outside the catalogue's; "
+    for place, before in ((HADLEY, causes), (EnuFrame(40.0, 0.0), "")):
+        frame = PlannedImage.lit(camera(place), SunChoice(90.0, -18.0))
+        (answer,) = answers(catalog, [frame], ALL)
+        assert (answer.counts["in_view"] > 0) == bool(before)
+        assert re.search(rf"points in view usable \({before}{night}", result_line(answer))
 
 
 @pytest.fixture(scope="module")
