@@ -62,11 +62,20 @@ class Candidate:
         """Angle between the optical axis and the vertical below the camera."""
         return off_nadir_deg(self.camera)
 
+    @cached_property
+    def place(self) -> Array:
+        """Where the optical axis meets the reference sphere, MCMF (3,); NaN for sky."""
+        return hits(self.camera.position_mcmf_m, self.camera.rotation_mcmf_to_camera[2])[1]
+
+    @property
+    def looks_at_ground(self) -> bool:
+        """True if the optical axis meets the reference sphere."""
+        return bool(np.isfinite(self.place).all())
+
     def __str__(self) -> str:
         """The mistake, and where the camera then looks."""
-        _, place = hits(self.camera.position_mcmf_m, self.camera.rotation_mcmf_to_camera[2])
-        at = f"{place_text(place)}, " if np.isfinite(place).all() else ""
-        return f"{self.mistake} (then it looks at {at}{self.off_nadir_deg:.0f} deg off nadir)"
+        at = place_text(self.place)
+        return f"{self.mistake} (then it looks at {at}, {self.off_nadir_deg:.0f} deg off nadir)"
 
 
 def place_text(position_m: ArrayLike) -> str:
@@ -78,13 +87,15 @@ def place_text(position_m: ArrayLike) -> str:
 def likely_mistake(camera: Camera, sees: Callable[[Camera], bool]) -> str:
     """The mistakes that explain why a camera does not see what it should, each with what undoes it and where the
     camera then looks; empty for a camera that does, and if none of the known ones explains it. At most
-    `_MOST` are named, those first after which the camera looks down. ``sees``: True for a camera that does,
-    like `sees_moon`.
+    `_MOST` are named: those after which the camera looks down, or else those after which its axis meets the ground
+    and its image's middle sees what it should, which a wide image does by chance at its edge. ``sees``: True for a
+    camera that does, like `sees_moon`.
     """
     if sees(camera):
         return ""
-    found = [one for one in candidates(camera) if sees(one.camera)]
-    likely = [one for one in found if looks_down(one.camera)] or found
+    found = [one for one in candidates(camera) if one.looks_at_ground and sees(one.camera)]
+    likely = [one for one in found if looks_down(one.camera)]
+    likely = likely or [one for one in found if sees(_middle(one.camera))]
     likely.sort(key=lambda one: one.off_nadir_deg)
     return "; or ".join(map(str, likely[:_MOST]))
 
@@ -153,6 +164,15 @@ def sees_moon(camera: Camera) -> bool:
 def looks_down(camera: Camera) -> bool:
     """True if the optical axis is within `_DOWN_DEG` of the vertical below the camera."""
     return off_nadir_deg(camera) < _DOWN_DEG
+
+
+def _middle(camera: Camera) -> Camera:
+    """The camera with no more of its image than `_DOWN_DEG` about the middle."""
+    whole = np.array(camera.image_size_px)
+    reach = math.ceil(2.0 * camera.focal_length_px * math.tan(math.radians(_DOWN_DEG)))
+    size = np.minimum(whole, reach)
+    point = camera.principal_point_px - 0.5 * (whole - size)
+    return replace(camera, image_size_px=tuple(size), principal_point_px=tuple(point))
 
 
 def off_nadir_deg(camera: Camera) -> float:

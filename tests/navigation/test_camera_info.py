@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -105,6 +106,42 @@ def test_axes_that_see_the_catalogue_are_named_with_what_they_give() -> None:
     (problem,) = lcp.camera_info(away, catalog=catalog).problems
     assert problem.endswith("km from the nearest point; " + problem.rpartition("; ")[2])
     assert "seems" not in problem
+
+
+def quarter_turn(axis: int, sign: int) -> np.ndarray:
+    """A turn of 90 deg about an axis of the camera, by hand."""
+    turn, (j, k) = np.eye(3), ((axis + 1) % 3, (axis + 2) % 3)
+    turn[[j, k], [j, k]] = 0.0
+    turn[j, k], turn[k, j] = -sign, sign
+    return turn
+
+
+def test_a_camera_that_looks_at_the_horizon_gets_no_axes_that_look_elsewhere() -> None:
+    """Turned by 90 deg about x or y. The transpose of one sees points at its image's edge, 68 deg off nadir; only a
+    body's axes, whose turn is about y, look at the catalogue.
+    """
+    catalog = navigable.everywhere_usable(200)
+    good = posed.camera(EnuFrame(3.4, 25.9))
+    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        turned = quarter_turn(axis, sign) @ good.rotation_mcmf_to_camera
+        camera = replace(good, rotation_mcmf_to_camera=turned)
+        (problem,) = lcp.camera_info(camera, catalog=catalog).problems
+        assert ("seems" in problem) == ((axis, sign) == (1, 1)), problem
+        for place in problem.split("then it looks at ")[1:]:
+            assert place.startswith("longitude 3.40, latitude 25.90, 0 deg off nadir")
+
+
+def test_an_oblique_camera_with_other_axes_is_told_so() -> None:
+    """40 deg off nadir: its own axis meets the catalogue, that of no other candidate does."""
+    catalog = navigable.everywhere_usable(200)
+    good = posed.camera(EnuFrame(3.4, 25.2), tilt=(math.radians(-40.0), 0.0, 0.0))
+    assert lcp.camera_info(good, catalog=catalog).document["catalog"]["in_view"] > 0
+    opengl = np.diag([1.0, -1.0, -1.0]) @ good.rotation_mcmf_to_camera
+    wrong = replace(good, rotation_mcmf_to_camera=opengl)
+    (problem,) = lcp.camera_info(wrong, catalog=catalog).problems
+    assert problem.count("seems to have") == 1
+    assert "OpenGL or Blender" in problem
+    assert "40 deg off nadir" in problem
 
 
 def test_a_camera_below_the_sphere_sees_what_terrain_says() -> None:
