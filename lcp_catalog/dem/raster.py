@@ -16,6 +16,7 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +31,7 @@ from ..arrays import Float32
 from ..atomic_files import file_state
 from ..errors import DemError, LabelError
 from .grid import Grid
-from .raster_files import UNREADABLE, cause_of, open_raster, opened
+from .raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster, opened
 
 _COARSER = 1.5
 """From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
@@ -249,22 +250,30 @@ class Raster:
         values = self.heights_of(self.samples(row0, row1, col0, col1))
         if self.masked:
             window = Window(col0, row0, col1 - col0, row1 - row0)
-            values[_dataset(self.path).read_masks(self.band, window=window) == 0] = np.nan
+            with self._read_whole():
+                values[_dataset(self.path).read_masks(self.band, window=window) == 0] = np.nan
         return values
 
     def samples(self, row0: int, row1: int, col0: int, col1: int) -> NDArray[Any]:
         """The stored numbers of a window. DemError if they cannot be read."""
         if self.raw_dtype is not None:
             return self._mapped()[row0:row1, col0:col1]
-        try:
+        with self._read_whole():
             samples: NDArray[Any] = _dataset(self.path).read(
                 self.band, window=Window(col0, row0, col1 - col0, row1 - row0)
             )
+        return samples
+
+    @contextmanager
+    def _read_whole(self) -> Iterator[None]:
+        """DemError for what GDAL cannot read."""
+        try:
+            with nothing_signalled(self.path):
+                yield
         except UNREADABLE as error:
             raise DemError(
                 f"{self.path}: cannot be read; the file is damaged or truncated ({cause_of(error)})"
             ) from error
-        return samples
 
     def _mapped(self) -> NDArray[Any]:
         try:

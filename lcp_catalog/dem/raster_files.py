@@ -6,10 +6,13 @@ whatever is named. Here every file is found and judged before GDAL opens the fir
 
 from __future__ import annotations
 
+import logging
 import os
 import stat
+import threading
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import rasterio
+from rasterio._err import CPLE_BaseError
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader
 
@@ -29,8 +33,10 @@ DRIVERS = (
 )
 """GDAL's drivers that may open a file: of formats that name no other file, or only their own parts."""
 
-UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError)
-"""Errors of rasterio for a file that cannot be opened or read; the last is for names and texts that are not UTF-8."""
+UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError, CPLE_BaseError)
+"""Errors of rasterio for a file that cannot be opened or read: also for names and texts that are not UTF-8, and
+GDAL's own, which rasterio hands on where it has no name for them.
+"""
 
 _ARCHIVES = ("/vsizip/", "/vsitar/", "/vsigzip/")
 _NAMING = ("sourcefilename", "sourcedataset", "dempath")
@@ -98,6 +104,38 @@ def opened(name: str, kind: str) -> Any:
 def _offline() -> rasterio.Env:
     """An environment of GDAL, with its drivers, that asks no server."""
     return rasterio.Env.from_defaults(CPL_VSIL_CURL_ALLOWED_FILENAME="none")
+
+
+class _Signalled(logging.Filter):
+    """Keeps what GDAL signals in this thread. The messages themselves are below warnings and go nowhere."""
+
+    here = threading.local()
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        said = getattr(self.here, "said", None)
+        if said is not None and str(record.msg).startswith("GDAL signalled an error"):
+            said.append(record.getMessage())
+        return record.levelno > logging.INFO
+
+
+for _name in ("rasterio._err", "rasterio._env"):
+    logging.getLogger(_name).setLevel(logging.INFO)
+    logging.getLogger(_name).addFilter(_Signalled())
+
+
+@contextmanager
+def nothing_signalled(path: object) -> Iterator[None]:
+    """DemError if GDAL signals an error during a read that succeeds: GDAL 3.10 goes on with wrong numbers after
+    a failed read of the places of a TIFF's strips.
+    """
+    before = getattr(_Signalled.here, "said", None)
+    said = _Signalled.here.said = list[str]()
+    try:
+        yield
+    finally:
+        _Signalled.here.said = before
+    if said:
+        raise DemError(f"{path}: cannot be read; the file is damaged or truncated ({said[0]})")
 
 
 def cause_of(error: BaseException) -> str:

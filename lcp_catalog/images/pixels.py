@@ -13,9 +13,10 @@ import json
 import logging
 import re
 import struct
+import uuid
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,11 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning
+from rasterio.io import MemoryFile
 from scipy import ndimage
 
 from ..arrays import Mask
 from ..choices import ENCODINGS
-from ..dem.raster_files import UNREADABLE, cause_of, open_raster
+from ..dem.raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster
 from ..errors import DemError, ImageError, LabelError, LcpError
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
@@ -182,6 +184,10 @@ _RECORD = r"RECORD_BYTES\s*=\s*(\d+)"
 
 _COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue)
 _MOST_PIXELS = 300_000_000
+_WHOLE = ("PNG", "JPEG", "GIF", "BMP", "WEBP")
+"""GDAL drivers of formats that are decoded from memory: GDAL 3.10 returns other samples of an 8-bit PNG after a
+failed read, without an error.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +232,7 @@ def read_pixels(
     colours only, which become luminance here: codes of a display image (``srgb``) are decoded
     first. ImageError for a file that is no image, cannot be read, or does not have the band.
     """
-    with _opened(Path(path)) as (opened, file):
+    with _opened(Path(path)) as (opened, file), nothing_signalled(path):
         return _read((Path(path), opened), file, (band, nodata, encoding))
 
 
@@ -243,7 +249,8 @@ def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
     try:
         with warnings.catch_warnings(), open_raster(opened, "an image")[0] as file:
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            yield opened, file
+            with _from_memory(file) if file.driver in _WHOLE else nullcontext(file) as source:
+                yield opened, source
     except DemError as error:
         raise ImageError(str(error)) from error
     except UNREADABLE as error:
@@ -252,6 +259,20 @@ def _opened(path: Path) -> Iterator[tuple[Path, Any]]:
         raise ImageError(
             f"{path}: not an image that can be read here ({cause_of(error)})"
         ) from error
+
+
+@contextmanager
+def _from_memory(file: Any) -> Iterator[Any]:
+    """The same image with its sidecar files, all read by Python, opened in GDAL's memory."""
+    with ExitStack() as stack:
+        folder = f"lcp-{uuid.uuid4().hex}"
+        copies = [
+            stack.enter_context(
+                MemoryFile(Path(name).read_bytes(), dirname=folder, filename=Path(name).name)
+            )
+            for name in file.files
+        ]
+        yield stack.enter_context(copies[0].open(driver=file.driver))
 
 
 def _pixels_of(path: Path) -> Path:
@@ -281,7 +302,7 @@ def _read(
         )
     if np.dtype(file.dtypes[0]).kind not in "uif":
         raise ImageError(f"{path}: samples are {file.dtypes[0]}; supported are integers and floats")
-    if not _is_whole(file):
+    if not _is_whole(opened, file):
         raise ImageError(
             f"{path}: is truncated: the end of its pixels is missing; download it again"
         )
@@ -309,7 +330,7 @@ def _read(
     )
 
 
-def _is_whole(file: Any) -> bool:
+def _is_whole(path: Path, file: Any) -> bool:
     """True if the end of the file is present.
 
     Checked for the formats of which GDAL 3.10 reads truncated files without an error: for an 8-bit
@@ -317,7 +338,7 @@ def _is_whole(file: Any) -> bool:
     here.
     """
     if file.driver == "PNG":
-        return _has_end(Path(file.name))
+        return _has_end(path)
     if file.driver not in _BARE or "compression" in file.profile:
         return True
     numbers = [name for name in file.files if not name.lower().endswith((".lbl", ".xml"))]
