@@ -1,1 +1,1 @@
-"""Speed against accuracy of the tiers, measured."""
+"""Speed against accuracy of the tiers and of every other approximation, measured."""

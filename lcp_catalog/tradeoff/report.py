@@ -434,7 +434,7 @@ def render_trade(trade: Trade) -> str:
     return page(
         "trade.html.j2",
         title=f"Speed and accuracy: {', '.join(compared['dems'])}",
-        heading="Speed and accuracy of the tiers",
+        heading="Speed and accuracy of the approximations",
         below=compared_line(compared),
         advice=advice(rows),
         rules=RULES,
