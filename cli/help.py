@@ -12,7 +12,9 @@ from .messages import echo
 @click.argument("topic", required=False)
 @click.pass_context
 def command(context: click.Context, topic: str | None) -> None:
-    """Print a how-to page as text (Markdown), or the help of a command; without TOPIC the list of the pages."""
+    """Print a how-to page or the reference of camera files as text (Markdown), or the help of a command; without TOPIC
+    the list of the pages.
+    """
     from lcp_catalog._package_files import pages
 
     found, group = pages(), context.find_root().command

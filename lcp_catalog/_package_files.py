@@ -1,5 +1,6 @@
 """Files that the package hands out: the sample data (a DEM, an albedo map, a photograph with its camera, what builds a
-catalogue of them, examples and schemas), the C reference of the flight file with its test vector, and the how-to pages.
+catalogue of them, examples and schemas), the C reference of the flight file with its test vector, the how-to pages and
+the reference of camera files.
 """
 
 from __future__ import annotations
@@ -46,10 +47,11 @@ def sample_folder() -> Path:
 
 
 def pages() -> dict[str, str]:
-    """The how-to pages, Markdown without comments, by the names of their files."""
-    files = sorted(_folder("howto", "docs/howto").glob("*.md"))
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in files}
-    return {name: re.sub(r"<!--.*?-->\n*", "", text, flags=re.S) for name, text in texts.items()}
+    """The how-to pages and the reference of camera files, Markdown without comments, by the names of their files."""
+    files = [*_folder("howto", "docs/howto").glob("*.md")]
+    files.append(_folder("reference", "docs/reference") / "cameras.md")
+    texts = sorted((path.stem, path.read_text(encoding="utf-8")) for path in files)
+    return {name: re.sub(r"<!--.*?-->\n*", "", text, flags=re.S) for name, text in texts}
 
 
 def _folder(installed: str, in_checkout: str) -> Path:

@@ -62,7 +62,9 @@ def test_every_package_has_its_licence_noted_and_is_in_the_recipe() -> None:
 def test_pages_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["help"]) == 0
     names = re.findall(r"^(\S+) {2,}", capsys.readouterr().out, re.M)
-    assert names == sorted(p.stem for p in (ROOT / "docs/howto").glob("*.md"))
+    assert names == sorted(["cameras", *(p.stem for p in (ROOT / "docs/howto").glob("*.md"))])
+    assert run(["help", "cameras"]) == 0
+    assert "## CAMERA.json\n" in capsys.readouterr().out
     assert run(["help", "own-dem"]) == 0
     text = capsys.readouterr().out
     assert text.startswith("# Build a catalogue from your own DEM\n")

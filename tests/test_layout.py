@@ -151,7 +151,7 @@ def test_every_sub_package_is_installed() -> None:
         for path in LIBRARY
         if path.name == "__init__.py"
     }
-    sample = {f"lcp_catalog.{name}" for name in ("howto", "sample_data", "flight")}
+    sample = {f"lcp_catalog.{name}" for name in ("howto", "reference", "sample_data", "flight")}
     sample |= {"lcp_catalog.plots.templates"}
     sample |= {f"lcp_catalog.sample_data.{name}" for name in ("pipeline", "schemas", "examples")}
     assert {*listed["tool"]["setuptools"]["packages"]} == {*packages, *sample, "lcp_cli"}

@@ -111,6 +111,7 @@ def test_the_wheel_holds_the_library_the_commands_and_the_sample(wheel: Path) ->
     assert tops == {"lcp_catalog", "lcp_cli", f"lcp_catalog-{lcp_catalog.__version__}.dist-info"}
     licences = {name.split("licenses/")[1] for name in names if "licenses/" in name}
     assert {f"lcp_catalog/howto/{p.name}" for p in (ROOT / "docs/howto").glob("*.md")} <= names
+    assert "lcp_catalog/reference/cameras.md" in names
     assert licences == {
         "LICENSE",
         "THIRD-PARTY.md",
