@@ -11,6 +11,8 @@ import numpy as np
 
 from ..choices import MOON_MAP
 from ..errors import ConfigError
+from ..terrain.terrain import native_dem
+from ..terrain.useful_cell import resolves
 from .area_job import conditions_at
 
 if TYPE_CHECKING:
@@ -22,8 +24,8 @@ _COUNTS = 0.1
 
 
 def cures(build: Build, causes: Mapping[str, float], most: int = 2) -> str:
-    """The cheapest changes of a build against causes, by name the shares of cells or conditions in which they
-    prevail (`schema.COVERAGE_STATUS`, `schema.Cause`), each with its work as a multiple of the build's; empty for none.
+    """The cheapest changes of a build that may help against causes, by name the shares of cells or conditions in which
+    they prevail (`schema.COVERAGE_STATUS`, `schema.Cause`), each with its work as a multiple of the build's; empty for none.
     """
     config = build.recipe.config
     found: dict[str, float] = {}
@@ -35,15 +37,22 @@ def cures(build: Build, causes: Mapping[str, float], most: int = 2) -> str:
                 cost = _work(build, config.replaced(changes)) / _work(build, config)
             except ConfigError:  # a search radius below the patch, a cell that the spacing forbids
                 continue
-            text = " and ".join(f"`{name}` {_text(value)}" for name, value in changes.items())
+            text = " and ".join(f"`{name}` {_text(name, value)}" for name, value in changes.items())
             found.setdefault(f"{text} (against {cause}) at {cost:.2g} times the work", cost)
     cheapest = sorted(found, key=lambda text: found[text])[:most]
-    return f"cheapest cures: {'; '.join(cheapest)}" if cheapest else ""
+    return f"may help (the effect is not computed): {'; '.join(cheapest)}" if cheapest else ""
 
 
-def _text(value: Any) -> str:
+def _text(name: str, value: Any) -> str:
+    """A value as an option takes it, a length with its unit: `points` have theirs in km there, and in m in a file."""
     if isinstance(value, tuple):
-        return f"[{', '.join(f'{one:g}' for one in value)}]"
+        numbers = [float(f"{one:g}") for one in value]
+        steps = np.diff(numbers)
+        if len(steps) > 1 and np.ptp(steps) < 1e-9:
+            return f"{numbers[0]:g}:{numbers[-1]:g}:{steps[0]:g}"
+        return ",".join(f"{one:g}" for one in numbers)
+    if name.endswith("_m"):
+        return f"{value / 1e3:g} km" if name.startswith("points.") else f"{value:g} m"
     return value if isinstance(value, str) else f"{value:g}"
 
 
@@ -54,8 +63,8 @@ def _against(build: Build, cause: str) -> Iterator[dict[str, Any]]:
     if cause in ("dark", "featureless") and config.model.albedo_file is None:
         yield {"model.albedo": MOON_MAP}
     if cause in ("featureless", "few", "ambiguous") and len(build.levels) == 1:
-        region = build.recipe.region
-        if 0.5 * cell_m >= build.recipe.dems.native_gsd_m(region.lon_deg, region.lat_deg):
+        dem = native_dem(build.recipe.dems, build.recipe.region)
+        if resolves(dem, 0.5 * cell_m):
             yield {"area.gsd_m": 0.5 * cell_m}
     if cause == "ambiguous" and points.search_m is not None:
         yield {"points.search_m": 0.5 * points.search_m}

@@ -243,6 +243,15 @@ class PointConfig:
             f"{gsd_m:g} m: nothing else would be compared; at least half a patch, {self.half * gsd_m:g} m",
         )
 
+    def check_size(self, side_m: float) -> None:
+        """ConfigError for a spacing greater than the longer side of the region, metres: one point would be kept."""
+        spacing_m = self.spacing_m or 0.0
+        require(
+            spacing_m <= side_m,
+            f"`points.spacing_m`: {spacing_m / 1e3:.5g} km is more than the longer side of the area, {side_m / 1e3:.5g} km; "
+            "give a smaller spacing (in km as an option, in metres in a BUILD.toml)",
+        )
+
     def least_distance_m(self, gsd_m: float) -> float:
         """Least distance between two points, metres: the spacing, but half a patch if only a promise
         is given.

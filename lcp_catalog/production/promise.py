@@ -171,7 +171,7 @@ class PromisedPlaces:
     ) -> PromisedPlaces:
         """An even lattice over a region. Where a footprint reaches beyond the region, as large a share
         of the ``demand`` is promised as of the footprint lies in it, rounded down. ConfigError for a
-        footprint that is small beside the distance of as many places as can be kept.
+        footprint that is small beside the distance of as many places as can be kept, or so large that no place has a share.
         """
         x0, x1, y0, y1 = region.extent_m
         most = min(COVERAGE_CELLS, COVERAGE_BYTES // conditions)
@@ -191,6 +191,11 @@ class PromisedPlaces:
             )
         share = _shares(region, at, footprint_m / 2.0)
         promised = np.floor(demand * share + 1e-9).astype(np.uint8)
+        if points.footprint_km is not None and not promised.any():
+            raise ConfigError(
+                f"`points.footprint_km` of {points.footprint_km:g} km is too large for this region: nothing could be "
+                "promised in any footprint; give a smaller one (in km), or a larger region"
+            )
         return cls(at, promised, footprint_m, footprint_m / 2.0 - reach_m)
 
 

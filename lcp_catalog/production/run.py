@@ -120,6 +120,8 @@ class Build:
         if seen is not None:
             config = for_images(config, seen, dems)
         region = config.area.region or Area.from_bounds(*dems.bounds)
+        x0, x1, y0, y1 = region.extent_m
+        config.points.check_size(max(x1 - x0, y1 - y0))
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
         warn_of_doubts(dems, region.bounds)

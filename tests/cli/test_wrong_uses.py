@@ -48,6 +48,9 @@ WRONG = [
     (f"{B} {AT} --sun-elevations -10", 2, r"--sun-elevations must lie in 0..90 degrees, not -10"),
     (f"{B} {AT} --view 30", 2, r"'--view': '30' is not OFF_NADIR:AZIMUTH"),
     (f"{B} {AT} --view 95:0", 2, r"--view must be at least 0 and below 90 degrees, not 95"),
+    (f"{B} {AT} --spacing 5000", 2, r"^lcp: --spacing: 5000 km is more than the longer side of the area, 30 km; give a smaller spacing \(in km as an option"),
+    (f"{B} --config t4.toml", 2, r"--spacing: 5000 km is more than the longer side of the area, 30 km; .*in metres in a BUILD.toml"),
+    (f"{B} {AT} --footprint 3000", 2, r"--footprint of 3000 km is too large for this region: .*; give a smaller one \(in km\), or a larger region"),
     (f"{B} {AT} --albedo PHOTO.png", 1, r"PHOTO.png: has no map projection; a map of the Moon is needed"),
     (f"{B} {AT} --reflectance hapk", 2, r"'hapk' is not a reflectance model; valid names: .*hapke"),
     (f"{B} {AT} --levels 59,470", 2, r"--levels: 59 and 470 m are more than a factor of 2 apart; add 117.8, 235.3 m"),
@@ -107,6 +110,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "t1.toml").write_text(f"{area}size = 30\n")
     (folder / "t2.toml").write_text("[area]\ncenter_deg = 3.5, 26\n")
     (folder / "t3.toml").write_text(f'{area}size_km = "30"\n')
+    (folder / "t4.toml").write_text(f"{area}size_km = 30\n[points]\nspacing_m = 5e6\n")
     (folder / "t5.toml").write_text(f"{area}size_km = 30\n[view]\noff_nadir_deg=[0,30]\n")
     (folder / "t6.toml").write_text(f'{area}size_km = 30\n[model]\nalbedo="missing.tif"\n')
     run(["sample", str(folder / "full")])
