@@ -103,6 +103,9 @@ def warm_up(
     Examples
     --------
     >>> files = lcp.warm_up(output=folder / "kernels")  # doctest: +SKIP
+    >>> lcp.warm_up("armv8")  # doctest: +IGNORE_EXCEPTION_DETAIL
+    Traceback (most recent call last):
+    ConfigError: `level` must be one of x86-64, x86-64-v3, x86-64-v4
     """
     if level is not None and (level not in LEVELS or own_level() not in LEVELS):
         raise ConfigError(
