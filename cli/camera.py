@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -73,10 +74,12 @@ def info(
 
 
 def _kernels(path: str) -> Iterator[Path]:
-    """The files that a meta-kernel names."""
+    """The files that a meta-kernel names; none if SPICE cannot load it, which the command says."""
     from lcp_catalog.cameras.spice import kernel_files
+    from lcp_catalog.errors import CameraError
 
-    yield from kernel_files(path)
+    with suppress(CameraError):
+        yield from kernel_files(path)
 
 
 def spice_options(required: bool) -> Decorator:

@@ -97,6 +97,7 @@ def test_the_recipes_run(scene: dict[str, Any], monkeypatch: pytest.MonkeyPatch)
     (folder / "hadley.h5").write_bytes(scene["catalog"].read_bytes())
     (folder / "dem.tif").write_bytes((folder / "hadley_gld100_256ppd.tif").read_bytes())
     (folder / "camera.json").write_bytes(scene["camera"].read_bytes())
+    (folder / "both.h5").unlink(missing_ok=True)  # of the example of `merge`
     programs = notebooks.cells(ROOT / "docs" / "howto" / "python.md")
     names: dict[str, Any] = {}
     shown = notebooks.run(programs, names)

@@ -532,8 +532,8 @@ class Trial:
         )
         own = [line for line in told if line and line not in self.ended.err]
         ugly = any("unexpected" in line for line in own)
-        if fault.kind == "malloc":  # GDAL says it itself
-            own, ugly = [line for line in own if not line.startswith("ERROR ")], False
+        if fault.kind == "malloc":  # GDAL and LAPACK say it themselves
+            own, ugly = [one for one in own if not one.startswith(("ERROR ", "init_ge"))], False
             if own and own[0].startswith("Fatal Python error"):  # of a fork of the interpreter
                 own = own[-1:]
         if len(own) != 1 or ugly or not own[0].startswith(("lcp: ", "Error: ")):

@@ -26,8 +26,12 @@ from lcp_cli.main import cli, run
 Damage = Callable[[Path], None]
 
 
+OTHERS = {"camera from-spice", "camera from-ccsds", "camera export", "warm-up"}
+"""Commands that read no catalogue, DEM or image; they are not among those whose calls are made to fail either."""
+
+
 def test_every_command_is_in_the_table() -> None:
-    named = {name for name, _ in leaves(cli)}
+    named = {name for name, _ in leaves(cli)} - OTHERS
     assert named == {
         name for name in named if any(f"{key} ".startswith(f"{name} ") for key in COMMANDS)
     }

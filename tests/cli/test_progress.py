@@ -135,7 +135,7 @@ def test_a_long_step_is_not_silent(
 ) -> None:
     """Before the first step and within a step; each line at least 10 s after another."""
     monkeypatch.setattr(module, "_BEAT_S", 1e9)
-    lines = module._Lines("areas")
+    lines = module._Lines("areas", ())
     for seconds in range(25):
         clock[0] = 100.0 + seconds
         lines.beat()
