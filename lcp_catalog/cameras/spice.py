@@ -100,6 +100,9 @@ def _explained(spice: Any, what: str) -> Iterator[None]:
 class SpiceCamera:
     """An instrument of a spacecraft, by the names that its kernels have for them.
 
+    Every method raises CameraError, one line: kernels that are missing or refused, a time that they do not cover, an
+    unknown instrument or keyword.
+
     Parameters
     ----------
     observer, instrument:
@@ -113,9 +116,6 @@ class SpiceCamera:
         The Moon's frame; default: the mean-Earth frame of the kernels.
     summing:
         Side, in pixels of the detector, of a pixel of the image.
-
-    Every method raises CameraError, one line: kernels that are missing or refused, a time that they do not cover, an
-    unknown instrument or keyword.
 
     Examples
     --------
