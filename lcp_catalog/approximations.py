@@ -4,7 +4,7 @@
 them with the configuration, the tiers and the scene plan. The module imports nothing of the library.
 """
 
-# ruff: noqa: E501 - cells of a table
+# ruff: noqa: E501 - cells of a table, one line each so that a row is read as a row
 from __future__ import annotations
 
 import itertools

@@ -9,7 +9,7 @@ import importlib
 import importlib.util
 import math
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import pytest
 
@@ -139,7 +139,7 @@ def test_alternatives_belong_to_any_configuration() -> None:
     )
 
 
-def _values(config: BuildConfig, name: str) -> dict:  # type: ignore[type-arg]
+def _values(config: BuildConfig, name: str) -> dict[str, Any]:
     return next(one.values(config) for one in APPROXIMATIONS if one.name == name)
 
 

@@ -20,9 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ..approximations import APPROXIMATIONS
 from ..arrays import Array, Index, Mask
+from ..catalog.prediction import FREE_SHARE, VIEW_REACH_DEG
 from ..catalog.promise import kept_promise
 from ..catalog.schema import UNOCCLUDED, UNSHADOWED, evaluated
 from ..catalog.stored import StoredFile, stored_catalog
@@ -47,15 +49,10 @@ from .point_changes import joined, sigma_m
 NEAR_CELLS = 2.0
 """Cells within which two candidates are the same place: those of a point's own peak."""
 
-FREE_SHARE = 0.7
-"""Least share of the weight of neighbouring conditions that is unshadowed and unoccluded, as in a query."""
-
 SAVING = 0.03
 """Least share of the time that an alternative must save to be taken: less is noise."""
 
-_VIEW_REACH_DEG = 20.0
 _LOWEST_SUNS = 2
-_T = (6.31, 2.92, 2.35, 2.13, 2.02, 1.94, 1.89, 1.86)  # two-sided 90 %, by degrees of freedom
 _LEAST_MATCHED = 0.5
 
 Row = dict[str, Any]
@@ -268,7 +265,7 @@ def _of_views(wanted: Any, given: Any) -> Array:
     ]
     cosine = np.clip(pairs[0] @ pairs[1].T, -1.0, 1.0)
     near = np.eye(len(given))[np.argmax(cosine, axis=1)]
-    reached = np.degrees(np.arccos(cosine.max(axis=1))) <= _VIEW_REACH_DEG
+    reached = np.degrees(np.arccos(cosine.max(axis=1))) <= VIEW_REACH_DEG
     return np.asarray(near * reached[:, None])
 
 
@@ -391,11 +388,7 @@ def _interval(shares: Sequence[float]) -> list[float] | None:
     """The 90 % interval of the mean of the areas' shares; None for one area."""
     if len(shares) < 2:
         return None
-    half = (
-        _T[min(len(shares) - 2, len(_T) - 1)]
-        * float(np.std(shares, ddof=1))
-        / math.sqrt(len(shares))
-    )
+    half = stdtrit(len(shares) - 1, 0.95) * float(np.std(shares, ddof=1)) / math.sqrt(len(shares))
     return [max(0.0, float(np.mean(shares)) - half), min(1.0, float(np.mean(shares)) + half)]
 
 

@@ -54,7 +54,7 @@ def calls(arguments: list[str]) -> list[tuple[str, str, float]]:
     open_since: list[float] = []
     load = cache._Files.load_overload
 
-    class Compilations(event.Listener):  # type: ignore[misc]
+    class Compilations(event.Listener):  # type: ignore[misc]  # numba has no types
         def on_start(self, event: Any) -> None:
             open_since.append(time.process_time())
 
@@ -70,7 +70,7 @@ def calls(arguments: list[str]) -> list[tuple[str, str, float]]:
             found.append((self.kernel, repr(signature), 0.0))
         return result
 
-    cache._Files.load_overload = loaded  # type: ignore[method-assign]
+    cache._Files.load_overload = loaded  # type: ignore[method-assign]  # listened to from outside
     event.register("numba:compile", Compilations())
     from lcp_cli.main import run
 

@@ -106,7 +106,7 @@ def test_a_file_that_others_could_have_written_is_not_run(
     file = only_file(own)
     if others == "owner":
         if os.getuid() != 0:
-            pytest.skip("only root gives files away")
+            pytest.skip("only root can give a file to another owner")
         os.chown(file, 12345, 12345)
     else:
         file.chmod(0o664 if others == "group" else 0o646)

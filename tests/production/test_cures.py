@@ -49,7 +49,9 @@ def test_the_price_is_that_of_another_plan(cause: str, field: str, value: object
     base = CONFIG.replaced(coarse) if finer else CONFIG
     build = planned(base)
     text = cures(build, {cause: 1.0})
-    price = float(re.search(rf"`{field}` [^;]* at (\S+) times the work", text)[1])  # type: ignore[index]
+    told = re.search(rf"`{field}` [^;]* at (\S+) times the work", text)
+    assert told
+    price = float(told[1])
     other = planned(base.replaced({field: value}))
     assert price == pytest.approx(work(other) / work(build), rel=0.1)
 
@@ -79,8 +81,9 @@ def test_advice_is_as_the_options_take_it() -> None:
     """`--sun-azimuths` reads the text of the default grid, halved, and that of an uneven one."""
     for azimuths in (SunConfig().azimuths_deg, (90.0, 105.0, 140.0), (90.0, 90.0 + 100.0 / 3.0)):
         build = planned(replace(CONFIG, sun=SunConfig(azimuths, (10.0,))))
-        text = re.search(r"`sun.azimuths_deg` (\S+) ", cures(build, {"marginal": 1.0}))[1]  # type: ignore[index]
-        read = NUMBERS.convert(text, None, None)
+        told = re.search(r"`sun.azimuths_deg` (\S+) ", cures(build, {"marginal": 1.0}))
+        assert told
+        read = NUMBERS.convert(told[1], None, None)
         assert len(read) == 2 * len(azimuths)
         assert set(np.round(azimuths, 3)) <= set(np.round(read, 3))
     assert "`points.search_m` 10 km (against ambiguous)" in cures(planned(CONFIG), {"ambiguous": 1})

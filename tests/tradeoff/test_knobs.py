@@ -187,7 +187,8 @@ def test_shifts_of_windows_are_those_of_the_image(shift: float) -> None:
 
     def image(east: float) -> np.ndarray:
         y, x = np.mgrid[:70, :70].astype(float)
-        return 5.0 + sum(np.sin(k[0] * (x - east) + k[1] * y + at) for k, at in waves)  # type: ignore[no-any-return]
+        each = [np.sin(k[0] * (x - east) + k[1] * y + at) for k, at in waves]
+        return np.asarray(5.0 + np.sum(each, axis=0))
 
     found = window_shifts(image(0.0), 1.7 * image(shift) + 0.3, 33)
     assert found == pytest.approx(np.full(4, shift), abs=0.06 * shift + 1e-9)
