@@ -166,7 +166,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "one direction per area",
         "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5)",
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
-        effects=("one direction per area",), constants=("production.evaluation.OWN_SUN_DOUBT",), expected=0.01,
+        effects=("one direction per area",), constants=("production.patch_light.OWN_SUN_DOUBT",), expected=0.01,
     ),
     Approximation(
         "parallel or near views",

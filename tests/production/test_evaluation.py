@@ -23,7 +23,8 @@ from lcp_catalog.geometry.frames import direction_enu, enu_rotation, mcmf_to_lon
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import evaluation
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.production.evaluation import PatchLight, evaluate
+from lcp_catalog.production.evaluation import evaluate
+from lcp_catalog.production.patch_light import PatchLight
 from lcp_catalog.production.point_config import PointConfig, image_scales
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
 from lcp_catalog.rendering.decisions import Decision

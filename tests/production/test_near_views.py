@@ -22,7 +22,8 @@ from lcp_catalog.production.config import (
     SunConfig,
     ViewConfig,
 )
-from lcp_catalog.production.evaluation import Evaluation, PatchLight, evaluate
+from lcp_catalog.production.evaluation import Evaluation, evaluate
+from lcp_catalog.production.patch_light import PatchLight
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import (
     Conditions,
