@@ -38,7 +38,8 @@ class AreaCount(ParamType):
 
 
 def _written(folder: str) -> Iterator[Path]:
-    from lcp_catalog.tradeoff.report import BEST, FILES
+    from lcp_catalog.tradeoff.knob_table import BEST
+    from lcp_catalog.tradeoff.report import FILES
 
     yield from (Path(folder, name) for name in (*FILES, BEST))
 

@@ -1,8 +1,6 @@
 """The report of a speed-accuracy measurement: HTML page, Markdown table, and recommended tiers.
 
-Plot of the error of the accuracy tiers over their run time, with the Pareto front.
-
-Public function that measures the accuracy tiers on a user's own build.
+Public function that measures the accuracy tiers and every other approximation on a user's own build.
 """
 
 # ruff: noqa: E501 - sentences of the report
@@ -10,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import time
 from collections.abc import Callable
@@ -18,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS
@@ -28,13 +24,21 @@ from ..choices import LAWS_BY_COST
 from ..dem.public import Dems
 from ..errors import ConfigError
 from ..geometry.bounds import turned_deg
-from ..plots.axes import Axes, Axis
-from ..plots.numbers import drawing, number, page
+from ..plots.numbers import number, page
 from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.run import planned_build
+from .charts import Row, knobs_chart, pareto, share_text, times
 from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
-from .knobs import NEAR_CELLS, require_one
+from .knob_table import (
+    BEST,
+    KNOB_COLUMNS,
+    KNOBS_EXPLAINED,
+    KNOBS_HEADING,
+    knobs_markdown,
+    knobs_said,
+)
+from .knobs import require_one
 from .measurement import (
     AREAS,
     LIMIT_S,
@@ -48,8 +52,6 @@ from .measurement import (
 )
 from .point_changes import DETECTION_CHANGE
 
-Row = dict[str, Any]
-
 SAVING = 0.1
 """Least share of time by which a tier counts as faster. Of tiers that differ by less, the most
 exact one is recommended.
@@ -60,9 +62,6 @@ POINTS_SHARE, CONDITIONS_SHARE = 0.02, 0.01
 """
 
 FILES = ("trade.json", "trade.html", "trade.md")
-
-BEST = "best.toml"
-"""File of the configuration to take for a budget."""
 
 RULES = (
     f"“Equal” means that no node, no point and no condition differs from reference, and no detection probability by more than {DETECTION_CHANGE:g}; “nearly equal”, that at most "
@@ -123,9 +122,9 @@ def advice(rows: list[Row]) -> list[str]:
         f"For a catalogue equal to that of reference: {same['accuracy']}, {_cost(same, exact)}.",
         f"For a nearly equal catalogue: {near['accuracy']}, {_cost(near, exact)}; {_effect(near)}.",
         f"For a first overview of a region: {quick['accuracy']}, {_cost(quick, exact)}; {_effect(quick)}.",
-        f"For images without a wrong node: {image['accuracy']}, in {_times(image['render_relative'])} of the time of the reference images.",
-        f"For fast images: {glance['accuracy']}, in {_times(glance['render_relative'])} of that time, with "
-        f"{_share(glance['sunlit_error_share'])} of the nodes wrong.",
+        f"For images without a wrong node: {image['accuracy']}, in {times(image['render_relative'])} of the time of the reference images.",
+        f"For fast images: {glance['accuracy']}, in {times(glance['render_relative'])} of that time, with "
+        f"{share_text(glance['sunlit_error_share'])} of the nodes wrong.",
     ]
 
 
@@ -155,28 +154,17 @@ def _nearly_same(row: Row) -> bool:
 def _cost(row: Row, exact: Row) -> str:
     if row is exact:
         return f"because no other tier that qualifies saves {100 * SAVING:g} %"
-    return f"in {_times(row['cpu_relative'])} of the time of reference"
+    return f"in {times(row['cpu_relative'])} of the time of reference"
 
 
 def _effect(row: Row) -> str:
     """Points and conditions that differ from reference."""
     before = row["points"] + row["points_lost"] - row["points_gained"]
-    changed = _share(row["conditions_changed_share"])
+    changed = share_text(row["conditions_changed_share"])
     return (
         f"{row['points_lost']} of {before} points lost, {row['points_gained']} gained, "
         f"{changed} of the conditions changed"
     )
-
-
-def _times(ratio: float) -> str:
-    return f"{ratio:.2f}" if ratio >= 0.095 else f"{ratio:.3f}"
-
-
-def _share(share: float | None) -> str:
-    """A share in per cent with two significant digits; 0 only for exactly 0."""
-    if share is None:
-        return "–"
-    return f"{np.format_float_positional(100.0 * share, precision=2, fractional=False, trim='-')} %"
 
 
 # -- the table
@@ -194,13 +182,13 @@ def _memory(row: Row) -> str:
 
 def _relative(row: Row) -> str:
     low, high = row["seconds_relative_range"]
-    return f"{_times(row['seconds_relative'])} ({_times(low)}..{_times(high)})"
+    return f"{times(row['seconds_relative'])} ({times(low)}..{times(high)})"
 
 
 def _claims(row: Row) -> str:
     if row["detection_changed_share"] is None:
         return "–"
-    return f"{_share(row['detection_changed_share'])}; {number(row['detection_change_max'], 2)}"
+    return f"{share_text(row['detection_changed_share'])}; {number(row['detection_change_max'], 2)}"
 
 
 COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
@@ -208,20 +196,20 @@ COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
     ("wall time, s", "all work of a build on the areas, one thread", lambda r: f"{r['seconds']:.2f}"),
     ("relative wall time", "as a share of reference, in brackets the lowest and highest round", _relative),
     ("CPU time, s", "CPU time of the same work; the better measure on a busy machine", lambda r: f"{r['cpu_seconds']:.2f}"),
-    ("relative CPU time", "as a share of reference", lambda r: _times(r["cpu_relative"])),
+    ("relative CPU time", "as a share of reference", lambda r: times(r["cpu_relative"])),
     ("image time, s", "all images once: shadows, occlusion, shading", lambda r: f"{r['render_seconds']:.2f}"),
-    ("relative image time", "as a share of reference", lambda r: _times(r["render_relative"])),
+    ("relative image time", "as a share of reference", lambda r: times(r["render_relative"])),
     ("memory, MB", "peak memory of the process, in brackets before its first area", _memory),
-    ("wrong shadow", "share of (node, Sun) pairs with a different lit state", lambda r: _share(r["sunlit_error_share"])),
-    ("at a shadow edge", "share of these within two nodes of the edge of a shadow", lambda r: _share(r["sunlit_error_near_edge_share"])),
-    ("bound", "permitted share of wrong cast shadows of the tier", lambda r: _share(r["bound"])),
-    ("wrong occlusion", "share of (node, view) pairs with a different visibility", lambda r: _share(r["visible_error_share"])),
-    ("radiance rmse", "root mean square difference of the radiance factor over nodes visible in both, as a share of the mean", lambda r: _share(r["radiance_rmse"])),
+    ("wrong shadow", "share of (node, Sun) pairs with a different lit state", lambda r: share_text(r["sunlit_error_share"])),
+    ("at a shadow edge", "share of these within two nodes of the edge of a shadow", lambda r: share_text(r["sunlit_error_near_edge_share"])),
+    ("bound", "permitted share of wrong cast shadows of the tier", lambda r: share_text(r["bound"])),
+    ("wrong occlusion", "share of (node, view) pairs with a different visibility", lambda r: share_text(r["visible_error_share"])),
+    ("radiance rmse", "root mean square difference of the radiance factor over nodes visible in both, as a share of the mean", lambda r: share_text(r["radiance_rmse"])),
     ("points", "control points in the areas", lambda r: str(r["points"])),
     ("lost points", "points of reference that the tier lacks", lambda r: str(r["points_lost"])),
     ("gained points", "points of the tier that reference lacks", lambda r: str(r["points_gained"])),
     ("moved points", "lost points with a gained point within half the spacing", lambda r: str(r["points_moved"])),
-    ("changed conditions", "share of the conditions of common candidates that are usable in one tier only", lambda r: _share(r["conditions_changed_share"])),
+    ("changed conditions", "share of the conditions of common candidates that are usable in one tier only", lambda r: share_text(r["conditions_changed_share"])),
     ("changed claims", f"share of their detection probabilities, at all image scales, that differ by more than {DETECTION_CHANGE:g}; the greatest difference", _claims),
     ("change of sigma, m", "common points, worst usable condition: median / 95th percentile", lambda r: _change(r["localization_sigma_change_m"])),
     ("change of sigma, %", "relative to sigma", lambda r: _change(r["localization_sigma_change_share"], 100.0)),
@@ -316,115 +304,6 @@ def _law_rows(models: ModelChanges) -> list[list[str]]:
     ]
 
 
-# -- all approximations
-
-
-KNOBS_HEADING = "Every approximation"
-
-KNOBS_EXPLAINED = (
-    "One alternative at a time around the configuration, computed on the same areas; time is processor time. Candidates within "
-    f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
-    "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
-    "median over windows, lowest Suns."
-)
-
-
-def _number(value: float | None, digits: int = 2) -> str:
-    return "–" if value is None else number(value, digits)
-
-
-def _changed_share(row: Row) -> str:
-    share = _share(row["conditions_changed_share"])
-    around = row["interval"]
-    return share if around is None else f"{share} ({_share(around[0])} to {_share(around[1])})"
-
-
-KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
-    ("approximation", lambda r: r["knob"] or "your configuration"),
-    ("value", lambda r: r["value"]),
-    ("time, s", lambda r: f"{r['seconds']:.2f}"),
-    ("relative", lambda r: _times(r["seconds_relative"])),
-    ("whole build, s", lambda r: number(r["build_seconds"], 3)),
-    ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
-    ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
-    ("conditions changed", _changed_share),
-    ("points", lambda r: str(r["points"])),
-    ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
-    ("probability: mean", lambda r: _number(r["detection_change_mean"])),
-    ("greatest change", lambda r: _number(r["detection_change_max"])),
-    ("sigma, times", lambda r: _number(r["sigma_ratio"], 3)),
-    ("shift, cells", lambda r: _number(r["shift_cells"])),
-    ("wrong shadow", lambda r: _share(r["sunlit_error_share"])),
-    ("promise", lambda r: _number(r["promise_change"])),
-)
-
-
-def knobs_said(trade: Trade) -> str:
-    """What was measured, and what to take for the budget, in one paragraph."""
-    said = f"{len(trade.rows) - 1} alternatives measured."
-    best = trade.best_row
-    if best is None:
-        return said
-    what = best["value"] or "your configuration as it is"
-    return (
-        f"{said} To take ({BEST}): {what}; measured together: {number(best['build_seconds'], 3)} s for the whole build "
-        f"({_times(best['seconds_relative'])} of the time of your configuration), {_changed_share(best)} of the conditions changed."
-    )
-
-
-def knobs_markdown(trade: Trade) -> list[str]:
-    """Lines of the table of all approximations; none if they were not measured."""
-    if not trade.rows:
-        return []
-    lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", knobs_said(trade), ""]
-    lines += [
-        f"| {' | '.join(name for name, _ in KNOB_COLUMNS)} |",
-        "| --- | --- |" + " ---: |" * (len(KNOB_COLUMNS) - 2),
-    ]
-    lines += [f"| {' | '.join(text(row) for _, text in KNOB_COLUMNS)} |" for row in trade.rows]
-    left = [f"- {name}: {why}" for name, why in trade.not_measured.items()]
-    return [*lines, "", "Not measured:", "", *left, ""]
-
-
-def knobs_chart(rows: list[Row]) -> Markup:
-    """Plot of the changed conditions of every row over its time, with the Pareto front."""
-    some = [r for r in rows if r["conditions_changed_share"] is not None]
-    low, high = _time_limits([r["seconds_relative"] for r in some])
-    decades = _decades([s for r in some if (s := r["conditions_changed_share"]) > 0.0])
-    powers = range(decades[0], decades[1] + 1)
-    ticks = [(_drawn(0.0, decades), "0"), *((10.0**k, _percent(k)) for k in powers)]
-    axes = Axes(
-        Axis(low, high, _time_ticks(low, high), "processor time relative to your configuration", log=True, grid=True),
-        Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
-        width=820.0, height=460.0, left=92.0, right=190.0, top=18.0, bottom=64.0,
-    )  # fmt: skip
-    best = front(some, "seconds_relative", "conditions_changed_share")
-    at = [
-        axes.at([r["seconds_relative"]], [_drawn(r["conditions_changed_share"], decades)])
-        for r in some
-    ]
-    line = axes.line(
-        [r["seconds_relative"] for r in best],
-        [_drawn(r["conditions_changed_share"], decades) for r in best],
-        "front",
-    )
-    marks = [
-        Markup(
-            "<g class='tier'><circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
-            "<text x='{:.1f}' y='{:.1f}'>{}</text></g>"
-        ).format(
-            x[0], y[0], f"{_name(row)}: {_times(row['seconds_relative'])}, {_changed_share(row)}",
-            x[0] + 7, y[0] + 4, _name(row) if row in best else "",
-        )
-        for row, (x, y) in zip(some, at, strict=True)
-    ]  # fmt: skip
-    return axes.draw(Markup().join([line, *marks]), "changed conditions over time", css="pareto")
-
-
-def _name(row: Row) -> str:
-    return f"{row['knob']}: {row['value']}" if row["knob"] else "your configuration"
-
-
 # -- the page
 
 
@@ -503,126 +382,6 @@ def _widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     steps = [(i, j) for i in range(3) for j in range(3)]
     near = [padded[i : i + rows, j : j + cols] for i, j in steps]
     return np.asarray(np.any(near, axis=0))
-
-
-_NO_ERROR = 0.8
-"""Decades below the error axis at which tiers without errors are drawn."""
-
-
-def pareto(rows: list[Row]) -> Markup:
-    """Plot of all tiers. A row gives two marks at ``sunlit_error_share``: the whole work
-    (``cpu_relative``) and the images alone (``render_relative``). A line joins the Pareto front.
-    """
-    low, high = _time_limits([r[key] for r in rows for key in ("cpu_relative", "render_relative")])
-    decades = _decades([r["sunlit_error_share"] for r in rows if r["sunlit_error_share"] > 0.0])
-    axes = Axes(
-        Axis(
-            low, high, _time_ticks(low, high), "CPU time relative to reference", log=True, grid=True
-        ),
-        Axis(
-            10.0 ** (decades[0] - 1),
-            10.0 ** decades[1],
-            [
-                (_drawn(0.0, decades), "0"),
-                *((10.0**k, _percent(k)) for k in range(decades[0], decades[1] + 1)),
-            ],
-            "share of nodes with a wrong shadow",
-            log=True,
-            grid=True,
-        ),
-        width=644.0,
-        height=318.0,
-        left=92.0,
-        right=24.0,
-        top=18.0,
-        bottom=64.0,
-    )
-    best = front(rows)
-    line = axes.line(
-        [r["cpu_relative"] for r in best],
-        [_drawn(r["sunlit_error_share"], decades) for r in best],
-        "front",
-    )
-    marks = [
-        _marks(axes, row, _drawn(row["sunlit_error_share"], decades), place)
-        for row, place in zip(rows, _label_places(rows), strict=True)
-    ]
-    return axes.draw(
-        Markup().join([line, *marks]), "error of every tier over its time", css="pareto"
-    )
-
-
-def front(
-    rows: list[Row], time: str = "cpu_relative", error: str = "sunlit_error_share"
-) -> list[Row]:
-    """The Pareto front, fastest first: rows that no other row equals or beats in both time and
-    error.
-    """
-
-    def beaten(row: Row) -> bool:
-        mine = (row[time], row[error])
-        theirs = ((r[time], r[error]) for r in rows if r is not row)
-        return any(t <= mine[0] and e <= mine[1] and (t, e) != mine for t, e in theirs)
-
-    return sorted((r for r in rows if not beaten(r)), key=lambda r: float(r[time]))
-
-
-def _drawn(error: float, decades: tuple[int, int]) -> float:
-    """Error at which a mark is drawn; 0, which a logarithmic axis lacks, below the lowest decade."""
-    return error if error > 0.0 else 10.0 ** (decades[0] - _NO_ERROR)
-
-
-def _decades(errors: list[float]) -> tuple[int, int]:
-    """Exponents of the powers of ten around the errors, at least two decades."""
-    logs = [math.log10(e) for e in errors] or [-3.0]
-    low, high = math.floor(min(logs)), math.ceil(max(logs))
-    return (low, high) if high - low > 1 else (high - 2, high)
-
-
-def _time_limits(ratios: list[float]) -> tuple[float, float]:
-    """Ticks around the ratios and around 1, the time of reference."""
-    low, high = max(min(ratios), 1e-6), max(ratios)
-    ticks = _steps(math.floor(math.log10(low)), math.ceil(math.log10(max(high, 1.0))) + 1)
-    below = [t for t in ticks if t <= min(low, 0.5) * 0.95]
-    above = [t for t in ticks if t >= max(high, 1.0) * 1.05]
-    return below[-1] if below else ticks[0], above[0]
-
-
-def _time_ticks(low: float, high: float) -> list[tuple[float, str]]:
-    steps = _steps(math.floor(math.log10(low)), math.ceil(math.log10(high)))
-    return [(t, number(t)) for t in steps if low * (1 - 1e-9) <= t <= high * (1 + 1e-9)]
-
-
-def _steps(first: int, last: int) -> list[float]:
-    """1, 2 and 5 times the powers of ten from below 10^first to 10^last."""
-    return [step * 10.0**power for power in range(first - 1, last + 1) for step in (1, 2, 5)]
-
-
-def _label_places(rows: list[Row]) -> list[int]:
-    """Number of earlier rows with the same error: their labels are stacked."""
-    return [
-        sum(1 for r in rows[:i] if r["sunlit_error_share"] == row["sunlit_error_share"])
-        for i, row in enumerate(rows)
-    ]
-
-
-def _marks(axes: Axes, row: Row, error: float, place: int) -> Markup:
-    """Ring of the images and filled mark of the whole work, joined by a line, with the tier's name."""
-    (images, whole), (y, _) = axes.at([row["render_relative"], row["cpu_relative"]], [error, error])
-    wrong = f"{100.0 * row['sunlit_error_share']:.3g} % of the nodes wrong"
-    circles = [
-        (css, x, radius, f"{row['accuracy']}, {what}: {row[key]:.3g} of reference, {wrong}")
-        for css, x, radius, what, key in (
-            ("images", images, 5, "images alone", "render_relative"),
-            ("whole", whole, 6, "whole work", "cpu_relative"),
-        )
-    ]
-    return drawing("tier", row["accuracy"], y, 12 + 15 * place, circles)
-
-
-def _percent(power: int) -> str:
-    """10^power as a share in per cent, without an exponent."""
-    return f"{100.0 * 10.0**power:.{max(0, -2 - power)}f} %"
 
 
 def trade(

@@ -17,7 +17,7 @@ from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.run import Build
-from lcp_catalog.tradeoff import knobs, measurement, report
+from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
 from lcp_catalog.tradeoff.image_errors import ModelChanges
 from lcp_catalog.tradeoff.knobs import Setting, proposal, window_shifts
 from lcp_catalog.tradeoff.measurement import Budget, Trade, measure_all
@@ -134,10 +134,10 @@ def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
     read = BuildConfig.from_toml(folder / "best.toml")
     assert read.points == found.best.points
     assert found.best_row["knob"] == "together"
-    table = "\n".join(report.knobs_markdown(found))
+    table = "\n".join(knob_table.knobs_markdown(found))
     assert "your configuration" in table
     assert "impossible, cell" in table
-    assert str(report.knobs_chart(found.rows)).count("<circle") == sum(
+    assert str(charts.knobs_chart(found.rows)).count("<circle") == sum(
         row["conditions_changed_share"] is not None for row in found.rows
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.tradeoff import report
-from lcp_catalog.tradeoff.report import front, pareto
+from lcp_catalog.tradeoff.charts import front, pareto
 
 
 def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[str, Any]:

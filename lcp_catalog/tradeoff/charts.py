@@ -1,0 +1,198 @@
+"""Charts of a speed-accuracy measurement: errors over run time, with the Pareto front; and the texts of figures that
+charts and tables share.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ..plots.axes import Axes, Axis
+from ..plots.numbers import drawing, number
+
+Row = dict[str, Any]
+
+
+def times(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio >= 0.095 else f"{ratio:.3f}"
+
+
+def share_text(share: float | None) -> str:
+    """A share in per cent with two significant digits; 0 only for exactly 0."""
+    if share is None:
+        return "–"
+    return f"{np.format_float_positional(100.0 * share, precision=2, fractional=False, trim='-')} %"
+
+
+def number_or_dash(value: float | None, digits: int = 2) -> str:
+    return "–" if value is None else number(value, digits)
+
+
+def changed_share(row: Row) -> str:
+    share = share_text(row["conditions_changed_share"])
+    around = row["interval"]
+    return (
+        share if around is None else f"{share} ({share_text(around[0])} to {share_text(around[1])})"
+    )
+
+
+_NO_ERROR = 0.8
+"""Decades below the error axis at which tiers without errors are drawn."""
+
+
+def pareto(rows: list[Row]) -> Markup:
+    """Plot of all tiers. A row gives two marks at ``sunlit_error_share``: the whole work
+    (``cpu_relative``) and the images alone (``render_relative``). A line joins the Pareto front.
+    """
+    low, high = _time_limits([r[key] for r in rows for key in ("cpu_relative", "render_relative")])
+    decades = _decades([r["sunlit_error_share"] for r in rows if r["sunlit_error_share"] > 0.0])
+    axes = Axes(
+        Axis(
+            low, high, _time_ticks(low, high), "CPU time relative to reference", log=True, grid=True
+        ),
+        Axis(
+            10.0 ** (decades[0] - 1),
+            10.0 ** decades[1],
+            [
+                (_drawn(0.0, decades), "0"),
+                *((10.0**k, _percent(k)) for k in range(decades[0], decades[1] + 1)),
+            ],
+            "share of nodes with a wrong shadow",
+            log=True,
+            grid=True,
+        ),
+        width=644.0,
+        height=318.0,
+        left=92.0,
+        right=24.0,
+        top=18.0,
+        bottom=64.0,
+    )
+    best = front(rows)
+    line = axes.line(
+        [r["cpu_relative"] for r in best],
+        [_drawn(r["sunlit_error_share"], decades) for r in best],
+        "front",
+    )
+    marks = [
+        _marks(axes, row, _drawn(row["sunlit_error_share"], decades), place)
+        for row, place in zip(rows, _label_places(rows), strict=True)
+    ]
+    return axes.draw(
+        Markup().join([line, *marks]), "error of every tier over its time", css="pareto"
+    )
+
+
+def front(
+    rows: list[Row], time: str = "cpu_relative", error: str = "sunlit_error_share"
+) -> list[Row]:
+    """The Pareto front, fastest first: rows that no other row equals or beats in both time and
+    error.
+    """
+
+    def beaten(row: Row) -> bool:
+        mine = (row[time], row[error])
+        theirs = ((r[time], r[error]) for r in rows if r is not row)
+        return any(t <= mine[0] and e <= mine[1] and (t, e) != mine for t, e in theirs)
+
+    return sorted((r for r in rows if not beaten(r)), key=lambda r: float(r[time]))
+
+
+def _drawn(error: float, decades: tuple[int, int]) -> float:
+    """Error at which a mark is drawn; 0, which a logarithmic axis lacks, below the lowest decade."""
+    return error if error > 0.0 else 10.0 ** (decades[0] - _NO_ERROR)
+
+
+def _decades(errors: list[float]) -> tuple[int, int]:
+    """Exponents of the powers of ten around the errors, at least two decades."""
+    logs = [math.log10(e) for e in errors] or [-3.0]
+    low, high = math.floor(min(logs)), math.ceil(max(logs))
+    return (low, high) if high - low > 1 else (high - 2, high)
+
+
+def _time_limits(ratios: list[float]) -> tuple[float, float]:
+    """Ticks around the ratios and around 1, the time of reference."""
+    low, high = max(min(ratios), 1e-6), max(ratios)
+    ticks = _steps(math.floor(math.log10(low)), math.ceil(math.log10(max(high, 1.0))) + 1)
+    below = [t for t in ticks if t <= min(low, 0.5) * 0.95]
+    above = [t for t in ticks if t >= max(high, 1.0) * 1.05]
+    return below[-1] if below else ticks[0], above[0]
+
+
+def _time_ticks(low: float, high: float) -> list[tuple[float, str]]:
+    steps = _steps(math.floor(math.log10(low)), math.ceil(math.log10(high)))
+    return [(t, number(t)) for t in steps if low * (1 - 1e-9) <= t <= high * (1 + 1e-9)]
+
+
+def _steps(first: int, last: int) -> list[float]:
+    """1, 2 and 5 times the powers of ten from below 10^first to 10^last."""
+    return [step * 10.0**power for power in range(first - 1, last + 1) for step in (1, 2, 5)]
+
+
+def _label_places(rows: list[Row]) -> list[int]:
+    """Number of earlier rows with the same error: their labels are stacked."""
+    return [
+        sum(1 for r in rows[:i] if r["sunlit_error_share"] == row["sunlit_error_share"])
+        for i, row in enumerate(rows)
+    ]
+
+
+def _marks(axes: Axes, row: Row, error: float, place: int) -> Markup:
+    """Ring of the images and filled mark of the whole work, joined by a line, with the tier's name."""
+    (images, whole), (y, _) = axes.at([row["render_relative"], row["cpu_relative"]], [error, error])
+    wrong = f"{100.0 * row['sunlit_error_share']:.3g} % of the nodes wrong"
+    circles = [
+        (css, x, radius, f"{row['accuracy']}, {what}: {row[key]:.3g} of reference, {wrong}")
+        for css, x, radius, what, key in (
+            ("images", images, 5, "images alone", "render_relative"),
+            ("whole", whole, 6, "whole work", "cpu_relative"),
+        )
+    ]
+    return drawing("tier", row["accuracy"], y, 12 + 15 * place, circles)
+
+
+def _percent(power: int) -> str:
+    """10^power as a share in per cent, without an exponent."""
+    return f"{100.0 * 10.0**power:.{max(0, -2 - power)}f} %"
+
+
+def knobs_chart(rows: list[Row]) -> Markup:
+    """Plot of the changed conditions of every row over its time, with the Pareto front."""
+    some = [r for r in rows if r["conditions_changed_share"] is not None]
+    low, high = _time_limits([r["seconds_relative"] for r in some])
+    decades = _decades([s for r in some if (s := r["conditions_changed_share"]) > 0.0])
+    powers = range(decades[0], decades[1] + 1)
+    ticks = [(_drawn(0.0, decades), "0"), *((10.0**k, _percent(k)) for k in powers)]
+    axes = Axes(
+        Axis(low, high, _time_ticks(low, high), "processor time relative to your configuration", log=True, grid=True),
+        Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
+        width=820.0, height=460.0, left=92.0, right=190.0, top=18.0, bottom=64.0,
+    )  # fmt: skip
+    best = front(some, "seconds_relative", "conditions_changed_share")
+    at = [
+        axes.at([r["seconds_relative"]], [_drawn(r["conditions_changed_share"], decades)])
+        for r in some
+    ]
+    line = axes.line(
+        [r["seconds_relative"] for r in best],
+        [_drawn(r["conditions_changed_share"], decades) for r in best],
+        "front",
+    )
+    marks = [
+        Markup(
+            "<g class='tier'><circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
+            "<text x='{:.1f}' y='{:.1f}'>{}</text></g>"
+        ).format(
+            x[0], y[0], f"{_name(row)}: {times(row['seconds_relative'])}, {changed_share(row)}",
+            x[0] + 7, y[0] + 4, _name(row) if row in best else "",
+        )
+        for row, (x, y) in zip(some, at, strict=True)
+    ]  # fmt: skip
+    return axes.draw(Markup().join([line, *marks]), "changed conditions over time", css="pareto")
+
+
+def _name(row: Row) -> str:
+    return f"{row['knob']}: {row['value']}" if row["knob"] else "your configuration"

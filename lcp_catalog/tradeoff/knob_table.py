@@ -1,0 +1,70 @@
+"""The table of all approximations: what each alternative to a configuration costs and changes."""
+
+# ruff: noqa: E501 - sentences of the report
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..plots.numbers import number
+from .charts import Row, changed_share, number_or_dash, share_text, times
+from .knobs import NEAR_CELLS
+from .measurement import Trade
+
+BEST = "best.toml"
+"""File of the configuration to take for a budget."""
+
+KNOBS_HEADING = "Every approximation"
+
+KNOBS_EXPLAINED = (
+    "One alternative at a time around the configuration, computed on the same areas; time is processor time. Candidates within "
+    f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
+    "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
+    "median over windows, lowest Suns."
+)
+
+
+KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
+    ("approximation", lambda r: r["knob"] or "your configuration"),
+    ("value", lambda r: r["value"]),
+    ("time, s", lambda r: f"{r['seconds']:.2f}"),
+    ("relative", lambda r: times(r["seconds_relative"])),
+    ("whole build, s", lambda r: number(r["build_seconds"], 3)),
+    ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
+    ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
+    ("conditions changed", changed_share),
+    ("points", lambda r: str(r["points"])),
+    ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
+    ("probability: mean", lambda r: number_or_dash(r["detection_change_mean"])),
+    ("greatest change", lambda r: number_or_dash(r["detection_change_max"])),
+    ("sigma, times", lambda r: number_or_dash(r["sigma_ratio"], 3)),
+    ("shift, cells", lambda r: number_or_dash(r["shift_cells"])),
+    ("wrong shadow", lambda r: share_text(r["sunlit_error_share"])),
+    ("promise", lambda r: number_or_dash(r["promise_change"])),
+)
+
+
+def knobs_said(trade: Trade) -> str:
+    """What was measured, and what to take for the budget, in one paragraph."""
+    said = f"{len(trade.rows) - 1} alternatives measured."
+    best = trade.best_row
+    if best is None:
+        return said
+    what = best["value"] or "your configuration as it is"
+    return (
+        f"{said} To take ({BEST}): {what}; measured together: {number(best['build_seconds'], 3)} s for the whole build "
+        f"({times(best['seconds_relative'])} of the time of your configuration), {changed_share(best)} of the conditions changed."
+    )
+
+
+def knobs_markdown(trade: Trade) -> list[str]:
+    """Lines of the table of all approximations; none if they were not measured."""
+    if not trade.rows:
+        return []
+    lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", knobs_said(trade), ""]
+    lines += [
+        f"| {' | '.join(name for name, _ in KNOB_COLUMNS)} |",
+        "| --- | --- |" + " ---: |" * (len(KNOB_COLUMNS) - 2),
+    ]
+    lines += [f"| {' | '.join(text(row) for _, text in KNOB_COLUMNS)} |" for row in trade.rows]
+    left = [f"- {name}: {why}" for name, why in trade.not_measured.items()]
+    return [*lines, "", "Not measured:", "", *left, ""]
