@@ -41,6 +41,7 @@ BUDGETS = {
     # 239 own files of compiled kernels, CPU levels, their list and the pool that compiles it
     # 25 short texts of results, 12 cameras whose axes look elsewhere, 1 page of cameras
     # 624 what each costs and changes (330), its table and chart (150), the configuration for a budget; 55 own Suns; 12 opposite Sun
+    # 36 imports of rooms that were divided
     # 50 failed reads of images and DEMs, 18 spacings and footprints beyond the area, advice as options take it
     "code lines, lcp_catalog": 44835,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step

@@ -40,7 +40,7 @@ def cures(build: Build, causes: Mapping[str, float], most: int = 2) -> str:
             text = " and ".join(f"`{name}` {_text(name, value)}" for name, value in changes.items())
             found.setdefault(f"{text} (against {cause}) at {cost:.2g} times the work", cost)
     cheapest = sorted(found, key=lambda text: found[text])[:most]
-    return f"may help (the effect is not computed): {'; '.join(cheapest)}" if cheapest else ""
+    return f"these may help (effects not computed): {'; '.join(cheapest)}" if cheapest else ""
 
 
 def _text(name: str, value: Any) -> str:

@@ -74,7 +74,7 @@ def test_a_build_that_keeps_little_says_so(
         run.build_catalog(HADLEY, tmp_path / "c.h5", config=config)
     (line,) = (text for text in caplog.messages if "promise" in text)
     assert re.search(r"the promise is kept in \d+ % of places, views and Suns \(else ", line)
-    assert "; may help (the effect is not computed): `" in line
+    assert "; these may help (effects not computed): `" in line
 
 
 def test_advice_is_as_the_options_take_it() -> None:
