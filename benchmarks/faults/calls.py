@@ -121,7 +121,7 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     measurement.Workers = lambda isolated: workers(isolated=False)  # type: ignore[assignment,misc]  # for a class
     # likewise workers of a build are forks of the command, which end by SIGTERM as those of the fork server do
     pool, begin = executor._new_pool, executor._begin_worker
-    executor._new_pool = lambda jobs, method="fork": pool(jobs, method)
+    executor._new_pool = lambda jobs, method=None: pool(jobs, method or "fork")
     executor._begin_worker = lambda: (signal.signal(signal.SIGTERM, signal.SIG_DFL), begin())[1]
     executor.start_early = lambda: None
     attempts = failing.Attempts(folder / _file(name))

@@ -17,7 +17,7 @@ from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
-from .executor import FORKED
+from .executor import are_forked
 from .finished_area import record_type, table_of, units_of
 from .promise import PromisedPlaces
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
@@ -92,7 +92,7 @@ def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any
     """
     start_s = min(time.process_time(), START_S) + FINISH_S
     start_s += WORKER_START_S if workers > 1 else 0.0
-    forked = FORKED and not cluster
+    forked = are_forked() and not cluster
     levels = [_estimate(level, workers, start_s, forked) for level in build.levels]
     return levels[0] if len(levels) == 1 else _together(build, levels, start_s)
 

@@ -2,7 +2,7 @@
 
 The thread pools of numba and OpenCV do not survive a fork: this process is not forked. On Linux,
 workers are forked from a process of one thread that has imported what a build needs (`preloaded`);
-it ends with this process. Elsewhere they are spawned. Each worker uses one thread. If a worker
+it ends with this process. Elsewhere they are spawned (`are_forked`). Each worker uses one thread. If a worker
 dies, only its own task fails; the others are run again. If this process dies, however that happens,
 its workers end too.
 """
@@ -14,6 +14,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -35,8 +36,11 @@ Result = TypeVar("Result")
 
 log = logging.getLogger(__name__)
 
-FORKED = sys.platform == "linux"
-"""Whether workers are forked; on macOS system libraries do not survive it."""
+_SOCKET = "/pymp-......../listener-........"
+"""The form of the name, in the folder for temporary files, of the socket by which a worker is asked for."""
+
+_LONGEST_SOCKET = 107
+"""Bytes that Linux takes as the name of a socket (unix(7))."""
 
 _PATIENCE_S = 10.0
 """Time in which a process must end that is asked to."""
@@ -75,9 +79,17 @@ def run_tasks(
         yield from _in_processes(function, tasks, min(jobs, len(tasks)))
 
 
+def are_forked() -> bool:
+    """Whether workers are forked: on macOS system libraries do not survive it; Linux asks for a worker by a
+    socket, whose name is too long in some folders for temporary files.
+    """
+    name = os.fsencode(tempfile.gettempdir() + _SOCKET)
+    return sys.platform == "linux" and len(name) <= _LONGEST_SOCKET
+
+
 def start_early() -> None:
     """Start the process that workers are forked from, which takes two seconds, while this one goes on."""
-    if FORKED:
+    if are_forked():
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([f"{__package__}.preloaded"])
         with children_start():
@@ -161,7 +173,8 @@ def _died(outcome: Result | Exception) -> Result | Exception:
     return outcome
 
 
-def _new_pool(jobs: int, method: str = "forkserver" if FORKED else "spawn") -> ProcessPoolExecutor:
+def _new_pool(jobs: int, method: str | None = None) -> ProcessPoolExecutor:
+    method = method or ("forkserver" if are_forked() else "spawn")
     if method == "forkserver":
         start_early()
     context = multiprocessing.get_context(method)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from multiprocessing import forkserver
@@ -119,7 +121,7 @@ print(parallel._is_initialized, "lcp_catalog.production.area_job" in sys.modules
 """
 
 
-@pytest.mark.skipif(not executor.FORKED, reason="workers are spawned on this system")
+@pytest.mark.skipif(not executor.are_forked(), reason="workers are spawned on this system")
 def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is killed while it is asked for the first worker, and while the workers run. The servers that replace it
     import what these tasks need, and not all that an area needs.
@@ -143,6 +145,32 @@ def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> Non
             os.kill(second, signal.SIGKILL)
         found[index] = result
     assert found == {0: 4, 1: 9, 2: 16, 3: 25}
+
+
+@pytest.mark.parametrize("length", [40, 75, 76, 200])
+def test_a_long_name_of_the_folder_for_temporary_files(tmp_path: Path, length: int) -> None:
+    """The socket of the process that forks has a name of at most 107 bytes (unix(7)) in that folder."""
+    folder = tempfile.mkdtemp(dir="/tmp")
+    try:
+        inside = Path(folder, "x" * (length - len(folder) - 1))
+        inside.mkdir()
+        program = (
+            f"from {executor.__name__} import run_tasks, are_forked\n"
+            "print(are_forked(), sorted(dict(run_tasks(abs, [-2, -3], 2)).values()))"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            check=True,
+            env=os.environ | {"TMPDIR": str(inside)},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        forked = sys.platform == "linux" and length <= 75
+        assert (done.stdout, done.stderr) == (f"{forked} [2, 3]\n", "")
+        assert not list(inside.iterdir())
+    finally:
+        shutil.rmtree(folder)
 
 
 def no_process(*_: object, **__: object) -> None:
