@@ -43,8 +43,8 @@ BUDGETS = {
     # 624 what each costs and changes (330), its table and chart (150), the configuration for a budget; 55 own Suns; 12 opposite Sun
     # 36 imports of rooms that were divided
     # 50 failed reads of images and DEMs, 18 spacings and footprints beyond the area, advice as options take it
-    # 8 workers where the folder for temporary files has a long name
-    "code lines, lcp_catalog": 44843,
+    # 4 compiled files without paths, 8 workers where the folder for temporary files has a long name
+    "code lines, lcp_catalog": 44847,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights

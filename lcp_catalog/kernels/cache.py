@@ -39,6 +39,9 @@ _HERE = Path(__file__).parent
 _WITHOUT_CODE = {_HERE / "cache.py", _HERE / "entries.py"}
 """Sources on which no compiled code depends."""
 
+_PLACES = [os.fsencode(f"{Path(file).parents[1]}/") for file in (_HERE, numba.__file__)]
+"""Folders of this machine, which no file names: it may be used on others."""
+
 SHARED = "LCP_KERNELS"
 """The environment's variable that names the shared folder."""
 
@@ -136,6 +139,8 @@ class _Files:
             return
         name = file_name(self.kernel, repr(signature))
         body = dumps(result._replace(type_annotation="")._reduce())  # it names places of the source
+        for place in _PLACES:  # compiled code that raises errors names its source
+            body = body.replace(place, b"./" * (len(place) // 2) + b"/" * (len(place) % 2))
         for folder in _own_folders():
             with contextlib.suppress(OSError):
                 if not folder.is_dir():

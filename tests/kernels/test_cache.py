@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numba
 import pytest
 
 import lcp_catalog
@@ -197,6 +198,36 @@ def result(process: subprocess.Popen[str]) -> tuple[str, str]:
 
 
 ROWS = "from lcp_catalog.kernels.matching.template_products import row_length; print(row_length(1))"
+
+
+RAISES = """
+import numpy as np
+from lcp_catalog.kernels.cache import njit
+from lcp_catalog.kernels.completion import all_done
+@njit()
+def fails(done, name):
+    print(name.upper(), name.split("a")[1])
+    all_done(done, 2)
+try:
+    fails(1, "name")
+except MemoryError as error:
+    print(error, len(fails.stats.cache_hits))
+"""
+
+
+@pytest.mark.slow
+def test_files_name_no_folder_of_this_machine(package: Path) -> None:
+    """Errors of a kernel and of numba's own functions, which name their sources, are raised from such files."""
+    said = "NAME me\nno memory for the arrays of a parallel loop"
+    (package / "program.py").write_text(RAISES)
+    program = "import program"
+    assert result(started(package, program))[0] == f"{said} 0"
+    files = list((package.parent / "home").rglob("*.kernel"))
+    for place in (package, Path(numba.__file__).parents[1]):
+        assert [path.name for path in files if os.fsencode(place) in path.read_bytes()] == []
+    assert any(b"/lcp_catalog/kernels/completion.py" in path.read_bytes() for path in files)
+    assert any(b"/numba/cpython/unicode.py" in path.read_bytes() for path in files)
+    assert result(started(package, program)) == (f"{said} 1", "")
 
 
 @pytest.mark.slow
