@@ -373,7 +373,7 @@ def _print_parts(build: Build, output: str, as_json: bool) -> None:
     ]
     areas, missing = sum(s.areas for s in states), sum(len(s.missing) for s in states)
     if as_json:
-        click.echo(json.dumps({"areas": areas, "missing": missing, "parts": rows}, indent=2))
+        echo(json.dumps({"areas": areas, "missing": missing, "parts": rows}, indent=2))
         return
     for state in states:
         first, more = state.missing[:_NAMES], len(state.missing) - _NAMES
@@ -393,7 +393,7 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
     if share is not None:
         document["claimed_share"] = share
     if as_json:
-        click.echo(json.dumps(document, indent=2))
+        echo(json.dumps(document, indent=2))
         return
     echo(_plan_text(document, workers))
     if share is not None:

@@ -89,6 +89,6 @@ def info(
         for one in found.whole["disagreements"] or ():
             say(f"lcp: warning: {one['message']}")
     if as_json:
-        click.echo(json.dumps(found.whole if only_set else files, indent=2))
+        echo(json.dumps(found.whole if only_set else files, indent=2))
     else:
         echo("\n\n".join([*map(dem_text.file_text, files), dem_text.set_text(found.whole)]))

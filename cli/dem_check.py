@@ -35,7 +35,7 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
         if not as_json:
             echo(_text(verdicts[-1]))
     if as_json:
-        click.echo(json.dumps([_object(one) for one in verdicts], indent=2))
+        echo(json.dumps([_object(one) for one in verdicts], indent=2))
     return 0 if all(one.sound for one in verdicts) else EXIT_NO
 
 

@@ -11,6 +11,9 @@ from lcp_catalog.errors import ConfigError, LcpError, printable
 from .messages import is_json, say
 from .signals import Stopped
 
+_NO_MEMORY = "failed to map segment", "Could not find/load shared object"
+"""What the system, and llvmlite, say of a library that does not fit in memory."""
+
 EXIT_FAILED = 1
 EXIT_USAGE = 2
 EXIT_INTERRUPTED = 130
@@ -48,10 +51,10 @@ def _one_line(error: BaseException) -> str:
         text = f"the disk is full while writing {error.filename or 'the output'}; free some space and run again"
     elif isinstance(error, FileNotFoundError) and error.filename is None:
         text = "the working folder no longer exists; change to one that does, and run again"
+    elif isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
+        text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
     elif isinstance(error, OSError):
         text = str(error)
-    elif isinstance(error, MemoryError) or "failed to map segment" in str(error):
-        text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
     else:
         text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"
     return " ".join(text.split())

@@ -122,8 +122,11 @@ class FileCommand(click.Command):
         rule = self._rule(ctx)
         began = time.perf_counter()
         log.info("%s: reads %s", name, ", ".join(map(str, read)) or "no file")
+        from .progress import alive
+
         try:
-            result = super().invoke(ctx)
+            with alive(name):
+                result = super().invoke(ctx)
         except ConfigError:
             require_inputs(ctx)
             raise

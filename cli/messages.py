@@ -24,11 +24,27 @@ class _State:
     """How the messages of this run are written."""
 
     as_json = False
+    replaced = False
+    """The last line on the terminal is one that is to be replaced."""
 
 
 def echo(text: str, err: bool = False, nl: bool = True) -> None:
     """Print a text that may hold parts of a file or of its name: control characters are shown as escapes."""
+    clear()
     click.echo(printable(text), err=err, nl=nl)
+
+
+def replace_line(text: str) -> None:
+    """Show a line on the terminal in place of the last one of its kind."""
+    click.echo(f"\r{text}\x1b[K", err=True, nl=False)
+    _State.replaced = True
+
+
+def clear() -> None:
+    """Take such a line away."""
+    if _State.replaced:
+        _State.replaced = False
+        click.echo("\r\x1b[K", err=True, nl=False)
 
 
 def say(text: str, event: str = "message", **facts: Any) -> None:

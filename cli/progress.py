@@ -1,4 +1,6 @@
-"""Progress on stderr: a bar on a terminal, a line now and then elsewhere; with rate and time left."""
+"""Progress on stderr: a bar on a terminal, a line now and then elsewhere; with rate and time left. No command is
+silent for more than two seconds: not before its first step, not within one, and not if it has none.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +10,26 @@ import threading
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import accumulate
 
 import click
 
+from lcp_catalog import child_process
+
+from . import messages
 from .messages import is_json, say
 
-_EVERY_S = {False: 10.0, True: 1.0}
+_FIRST_S = 1.0
+"""Time after which a task says its first line; a command has needed some for its start."""
+
+_EVERY_S = {False: 1.7, True: 1.0}
 """Least time between two lines, of text and of JSON."""
 
-_BEAT_S = 1.0
+_SLOWER, _SLOWEST_S = 1.0 / 150.0, 60.0
+"""Part of the time of a task so far that is between two lines, and the most of it: a log of hours stays short."""
+
+_BEAT_S = 0.25
 """Time between two looks whether something must be said although no step has ended."""
 
 _FEWEST = 3
@@ -41,6 +52,7 @@ def progress(label: str, weights: Sequence[float] = ()) -> Iterator[Callable[[in
             return f"{duration_text(time.monotonic() - began)} so far"
         return f"{duration_text(pace.left_s)} left" if weights else pace.text
 
+    messages.clear()
     bar = click.progressbar(
         length=1,
         label=label,
@@ -60,21 +72,74 @@ def progress(label: str, weights: Sequence[float] = ()) -> Iterator[Callable[[in
 
 
 @contextmanager
+def alive(name: str) -> Iterator[None]:
+    """Say in the block how long a command has been at work, until it prints something: a line that is replaced on a
+    terminal, lines now and then elsewhere.
+    """
+    lines = _Lines(name, ())
+    lines.state = "working"
+    try:
+        with _beating(lines.beat):
+            yield
+    finally:
+        messages.clear()
+
+
+_beats: list[Callable[[], None]] = []
+"""What the tasks say that run, the innermost last: only that one speaks."""
+
+_heart: list[tuple[threading.Thread, threading.Event]] = []
+"""The thread that lets it speak, while a task runs."""
+
+
+@contextmanager
 def _beating(beat: Callable[[], None]) -> Iterator[None]:
-    """Call ``beat`` every second in the block, also while nothing ends."""
+    """Call ``beat`` at short intervals in the block, also while nothing ends."""
+    _beats.append(beat)
+    _start()
+    try:
+        yield
+    finally:
+        if len(_beats) == 1:
+            _stop()
+        _beats.remove(beat)
+
+
+def _start() -> None:
+    """Start the thread if there is none."""
+    if _heart:
+        return
     ended = threading.Event()
 
     def beats() -> None:
         while not ended.wait(_BEAT_S):
-            beat()
+            _beats[-1]()
 
     thread = threading.Thread(target=beats, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
+    with suppress(RuntimeError, MemoryError):  # without the memory for its stack: silence
+        thread.start()
+        _heart.append((thread, ended))
+
+
+def _stop() -> None:
+    """End the thread."""
+    for thread, ended in _heart:
         ended.set()
         thread.join()
+    _heart.clear()
+
+
+@contextmanager
+def _resting() -> Iterator[None]:
+    """A block without the thread, in which a process may be forked."""
+    beats = bool(_heart)
+    _stop()
+    yield
+    if beats:
+        _start()
+
+
+child_process.resting = _resting
 
 
 class _Pace:
@@ -120,33 +185,38 @@ class _Lines:
 
     def __init__(self, label: str, weights: Sequence[float]) -> None:
         self._label, self._pace = label, _Pace(weights)
-        self._said_at: float | None = None
-        self._began = self._heard_at = time.monotonic()
-        self._state = "preparing"
+        self._said_at = -math.inf if is_json() else 0.0
+        self._began = time.monotonic()
+        self.state = "preparing"
+
+    def _is_due(self, least_s: float) -> bool:
+        """So much time has passed since the last line that there is another one."""
+        now = time.monotonic()
+        passed = now - self._began
+        return now - max(self._said_at, self._began) >= (
+            max(least_s, min(_SLOWER * passed, _SLOWEST_S)) if self._said_at > 0.0 else _FIRST_S
+        )
 
     def beat(self) -> None:
         """Say the time that has passed, if nothing was said for long."""
-        now = time.monotonic()
-        if now - max(self._heard_at, self._said_at or 0.0) >= _EVERY_S[False]:
-            self._heard_at = now
-            passed = now - self._began
-            say(
-                f"{self._label}: {self._state}, {duration_text(passed)} so far",
-                "progress",
-                label=self._label,
-                seconds=passed,
-            )
+        if not self._is_due(_EVERY_S[False]):
+            return
+        self._said_at = time.monotonic()
+        passed = self._said_at - self._began
+        text = f"{self._label}: {self.state}, {duration_text(passed)} so far"
+        if self.state == "working" and not is_json() and sys.stderr.isatty():
+            messages.replace_line(text)
+        else:
+            say(text, "progress", label=self._label, seconds=passed)
 
     def update(self, done: int, total: int) -> None:
-        pace, now = self._pace, time.monotonic()
-        pace.update(done, total)
-        self._state = f"{done} of {total}"
-        if self._said_at is None:
-            self._said_at = now if not is_json() else -1e9
-        last = is_json() and done == total
-        if now - self._said_at < _EVERY_S[is_json()] and not last:
+        self._pace.update(done, total)
+        self.state = f"{done} of {total}"
+        told = is_json() or self._pace.per_second > 0.0
+        ends = is_json() and (done == total or self._said_at < 0.0)
+        if not (ends or (told and self._is_due(_EVERY_S[is_json()]))):
             return
-        self._said_at = now
+        pace, self._said_at = self._pace, time.monotonic()
         left = f", {duration_text(pace.left_s)} left" if pace.is_known else ""
         say(
             f"{self._label}: {done} of {total}, {pace.text}{left}",

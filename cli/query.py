@@ -221,7 +221,7 @@ def _one(asked: Asked) -> None:
         text = documents.points_csv if output.lower().endswith(".csv") else documents.points_geojson
         write_bytes(output, text(answer, catalog).encode("utf-8"), asked.overwrite)
     if asked.as_json:
-        click.echo(json.dumps(documents.document(answer, catalog), indent=2, allow_nan=False))
+        echo(json.dumps(documents.document(answer, catalog), indent=2, allow_nan=False))
     elif output is None and len(answer.rows):
         for line in documents.point_lines(answer, catalog, POINTS_SHOWN):
             echo(line)

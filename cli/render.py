@@ -8,6 +8,7 @@ import click
 
 from . import options
 from .files import FileCommand, OutputFile
+from .messages import echo
 from .render_options import RenderOptions, render_options
 from .warm_up import compile_missing
 
@@ -71,4 +72,4 @@ def command(
             files[preview] = png(picture(shown))
         write_files(files, overwrite)
     if explain:
-        click.echo(json.dumps(explained(scene, costs), indent=2))
+        echo(json.dumps(explained(scene, costs), indent=2))

@@ -12,6 +12,7 @@ import click
 from . import options
 from .build_options import field_option
 from .files import FileCommand
+from .messages import echo
 from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number, Step
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ def _blocks(lines: Iterable[str]) -> Iterator[str]:
 
 def _say(lines: Iterable[str]) -> None:
     for block in _blocks(lines):
-        click.echo(block, nl=False)
+        echo(block, nl=False)
 
 
 def _write(output: str, overwrite: bool, lines: Iterable[str]) -> None:

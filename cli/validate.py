@@ -236,7 +236,7 @@ def command(
         )
     write_validation(result, Path(output), overwrite, depfile, fitted)
     if as_json:
-        click.echo(result.verdict.to_json(), nl=False)
+        echo(result.verdict.to_json(), nl=False)
     for line in summary_lines(result.verdict):
         echo(in_options(line), err=as_json)
     failures = wanted.failures(result.verdict.document()) if wanted else []

@@ -163,7 +163,7 @@ def command(
             "intervals": intervals,
             "instants": list(found.records()),
         }
-        click.echo(json.dumps(whole, indent=2, allow_nan=False))
+        echo(json.dumps(whole, indent=2, allow_nan=False))
     else:
         for line in _text(found, intervals, min_points):
             echo(line)

@@ -14,7 +14,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
@@ -54,6 +54,10 @@ def safe_path() -> Iterator[None]:
             os.environ[_SAFE_PATH] = before
 
 
+resting: Callable[[], AbstractContextManager[None]] = nullcontext
+"""A context without the threads of the program that calls this library, in which this process may be forked."""
+
+
 class ChildFailedError(Exception):
     """The function did not come to an end in its process; the text says how it ended."""
 
@@ -71,7 +75,8 @@ def call_apart(
     reader, writer = os.pipe()
     try:
         given = (function.__module__, function.__name__, argument, seconds, memory_mb)
-        process = _forked(given, reader, writer) if _single_thread() else _fresh(given, writer)
+        with resting():
+            process = _forked(given, reader, writer) if _single_thread() else _fresh(given, writer)
     finally:
         os.close(writer)
     try:

@@ -28,6 +28,8 @@ def printable(text: str) -> str:
     """The text with escapes in place of control characters, of characters that change the direction of a
     line, and of bytes of a file name that are not UTF-8; line breaks and tabs stay.
     """
+    if all(line.isprintable() for line in text.split("\n")):
+        return text
     return "".join(
         one if one.isprintable() or one in "\n\t" else one.encode("unicode_escape").decode()
         for one in text

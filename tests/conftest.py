@@ -10,6 +10,7 @@ import json
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,12 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # the workers share the processor: one 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 """Read when numba starts its threads. Else those that wait for the next loop spin, and steal the processor from whatever runs
 beside the tests: 14 x 14 nodes under one Sun then take 79 ms on a busy machine instead of 0.3."""
+
+
+@pytest.fixture(autouse=True)
+def _silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Commands that run in this process do not say how long they are at work: on a slow machine each would."""
+    monkeypatch.setattr("lcp_cli.progress.alive", lambda name: nullcontext())
 
 
 @pytest.fixture(scope="session")

@@ -528,7 +528,7 @@ class Trial:
         told = (
             line
             for line in ended.err.splitlines()
-            if not re.search(r": (\d+ of \d+|preparing), ", line)
+            if not re.search(r": (\d+ of \d+|preparing|working), ", line)
         )
         own = [line for line in told if line and line not in self.ended.err]
         ugly = any("unexpected" in line for line in own)

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import rasterio
 from numpy.typing import ArrayLike, NDArray
+from rasterio import shutil
 from rasterio.enums import ColorInterp
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.io import MemoryFile
@@ -82,10 +83,10 @@ def geotiff(
     green, blue) of bands that are shown in one.
     """
     rows, columns = np.shape(next(iter(bands.values())))
-    with warnings.catch_warnings(), MemoryFile() as memory:
+    with warnings.catch_warnings(), MemoryFile() as plain, MemoryFile(ext=".tif") as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
-        with memory.open(
-            driver="COG",
+        with plain.open(
+            driver="GTiff",
             width=columns,
             height=rows,
             count=len(bands),
@@ -93,12 +94,6 @@ def geotiff(
             nodata=np.nan,
             crs=crs,
             transform=transform,
-            blocksize=TILE,
-            compress="deflate",
-            predictor="floating_point",
-            bigtiff="if_safer",
-            overview_resampling="average",
-            statistics="yes",
         ) as file:
             for index, (name, band) in enumerate(bands.items(), start=1):
                 file.write(np.asarray(band).astype(dtype, copy=False), index)
@@ -109,6 +104,17 @@ def geotiff(
                 shown = [colours.get(name, "undefined") for name in bands]
                 file.colorinterp = tuple(ColorInterp[name] for name in shown)
             file.update_tags(**tags)
+        shutil.copy(  # other threads run meanwhile, which say that the command does
+            plain.name,
+            memory.name,
+            driver="COG",
+            blocksize=TILE,
+            compress="deflate",
+            predictor="floating_point",
+            bigtiff="if_safer",
+            overview_resampling="average",
+            statistics="yes",
+        )
         # GDAL goes on without a text, a number or a CRS that lacks memory
         with MemoryFile(content := bytes(memory.getbuffer())) as copy, copy.open() as written:
             kept = [

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
+import os
+import pty
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from helpers import navigable
+from helpers.catalogs import HADLEY
 from lcp_cli import main, messages
 from lcp_cli import progress as module
-from lcp_cli.progress import duration_text, progress
+from lcp_cli.progress import alive, duration_text, progress
 
+from lcp_catalog import child_process
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import DemError
 
@@ -39,14 +45,35 @@ def run_areas(clock: list[float], seconds: float, done: int, total: int) -> None
 def test_a_pipe_gets_a_line_now_and_then(
     clock: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """60 areas of which 20 were there before, 3 s each: a line every 12 s, from 10 s on."""
+    """60 areas of which 20 were there before, 3 s each; of short ones a line every 1.7 s; none of a short task."""
     run_areas(clock, 3.0, 20, 60)
     lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "areas: 24 of 60, 20 a minute, 1 min 48 s left"
+    assert lines[0] == "areas: 21 of 60, 20 a minute"
+    assert lines[3] == "areas: 24 of 60, 20 a minute, 1 min 48 s left"
     assert lines[-1] == "areas: 60 of 60, 20 a minute, 0 s left"
-    assert len(lines) == 10
+    assert len(lines) == 40
     run_areas(clock, 0.1, 0, 60)
+    assert len(capsys.readouterr().err.splitlines()) == 3
+    run_areas(clock, 0.01, 0, 60)
     assert capsys.readouterr().err == ""
+
+
+def test_the_log_of_a_long_task_is_short(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No silence of 2 s in the first five minutes; a line a minute after two and a half hours."""
+    lines, told = module._Lines("areas", ()), []
+    for quarter in range(4 * 12 * 3600):
+        clock[0] = 100.0 + 0.25 * quarter
+        lines.beat()
+        if capsys.readouterr().err:
+            told.append(clock[0] - 100.0)
+    assert told[0] == 1.0
+    steps = [after - before for before, after in itertools.pairwise(told)]
+    assert max(step for at, step in zip(told, steps, strict=False) if at < 300.0) <= 2.25
+    assert max(step for at, step in zip(told, steps, strict=False) if at < 250.0) <= 2.0
+    assert max(steps) <= 60.25
+    assert len(told) < 1250
 
 
 def test_a_slow_first_step_does_not_count_in_the_time_left(
@@ -133,19 +160,19 @@ def test_durations() -> None:
 def test_a_long_step_is_not_silent(
     clock: list[float], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Before the first step and within a step; each line at least 10 s after another."""
-    monkeypatch.setattr(module, "_BEAT_S", 1e9)
+    """Before the first step and within a step."""
     lines = module._Lines("areas", ())
-    for seconds in range(25):
+    for seconds in range(6):
         clock[0] = 100.0 + seconds
         lines.beat()
     lines.update(0, 7)
     clock[0] += 40.0
     lines.beat()
     assert capsys.readouterr().err.splitlines() == [
-        "areas: preparing, 10 s so far",
-        "areas: preparing, 20 s so far",
-        "areas: 0 of 7, 1 min 04 s so far",
+        "areas: preparing, 1 s so far",
+        "areas: preparing, 3 s so far",
+        "areas: preparing, 5 s so far",
+        "areas: 0 of 7, 45 s so far",
     ]
 
 
@@ -153,11 +180,32 @@ def test_the_heart_beats_while_a_step_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(module, "_BEAT_S", 0.01)
+    monkeypatch.setattr(module, "_FIRST_S", 0.05)
     monkeypatch.setattr(module, "_EVERY_S", {False: 0.05, True: 0.05})
-    with progress("areas") as update:
+    with alive("build"), progress("areas") as update:
         update(0, 3)
         time.sleep(0.5)
+        before = capsys.readouterr().err
+        with child_process.resting():
+            assert threading.active_count() == 1
+        time.sleep(0.5)
+    assert before.count("areas: 0 of 3, ") >= 2
     assert capsys.readouterr().err.count("areas: 0 of 3, ") >= 2
+    assert "working" not in before  # the innermost speaks
+
+
+def test_a_command_without_steps_says_that_it_works(tmp_path: Path) -> None:
+    """The whole sample under a low Sun, on a pipe and on a terminal, where the line is replaced and taken away."""
+    words = ["render", HADLEY, "--sun-azimuth", "90", "--sun-elevation", "2", "-o"]
+    command = [sys.executable, "-c", "from lcp_cli.main import main; main()", *map(str, words)]
+    ended = subprocess.run([*command, tmp_path / "a.tif"], capture_output=True, check=True)
+    assert ended.stderr.startswith(b"render: working, 1 s so far\n")
+    ours, theirs = pty.openpty()
+    ended = subprocess.run([*command, tmp_path / "b.tif"], stderr=theirs, check=True)
+    os.close(theirs)
+    seen = os.read(ours, 100_000)
+    assert seen.startswith(b"\rrender: working, 1 s so far\x1b[K")
+    assert seen.endswith(b"\r\x1b[K")
 
 
 CHECKED = """
