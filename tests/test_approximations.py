@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import importlib
 import importlib.util
 import math
@@ -43,6 +44,7 @@ CONFIG = BuildConfig().replaced(
 )
 
 
+@functools.cache
 def decided() -> set[str]:
     """Effects of all decisions in the source: first arguments of ``Decision(...)``, and the names that stand there."""
     found: set[str] = set()
