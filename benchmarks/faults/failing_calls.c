@@ -255,10 +255,28 @@ static int stream_close(void *fd) {
         if (strchr(mode, 'x')) flags |= O_EXCL;                           \
         fd = open(path, flags | O_CLOEXEC, 0666);                         \
         if (fd < 0 || fd >= 4096) return NULL;                            \
-        return streams[fd] = fopencookie((void *)(intptr_t)fd, mode, how); \
+        streams[fd] = fopencookie((void *)(intptr_t)fd, mode, how);       \
+        if (plus && streams[fd] && !lseek(fd, 0, SEEK_END)) /* a new file: a buffer of both ways is spoilt by seeks */ \
+            setvbuf(streams[fd], NULL, _IONBF, 0);                        \
+        lseek(fd, 0, flags & O_APPEND ? SEEK_END : SEEK_SET);             \
+        return streams[fd];                                               \
     }
 STREAMS(fopen)
 STREAMS(fopen64)
+
+/* Another stream takes the place of one of ours: whoever calls (f2c's library) goes on with what is returned. */
+#define REOPENS(name, opening)                                            \
+    FILE *name(const char *path, const char *mode, FILE *stream) {        \
+        REAL(FILE *, name, const char *, const char *, FILE *);           \
+        for (int n = 0; path && n < 4096; n++)                            \
+            if (stream && streams[n] == stream) {                         \
+                fclose(stream);                                           \
+                return opening(path, mode);                               \
+            }                                                             \
+        return real(path, mode, stream);                                  \
+    }
+REOPENS(freopen, fopen)
+REOPENS(freopen64, fopen64)
 
 int fileno(FILE *stream) {
     REAL(int, fileno, FILE *);

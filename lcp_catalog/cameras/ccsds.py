@@ -31,6 +31,9 @@ INERTIAL = {"EME2000", "J2000", "ICRF", "ICRF2", "ICRF3", "GCRF"}
 
 _COARSE_M = 1.0
 _UNIT = 1e-3
+_ENDS_S = 1.0
+"""Rows reach START_TIME and STOP_TIME, as texts that may be rounded; a message that ends earlier is cut."""
+
 _ORDINAL = re.compile(r"(\d{4})-(\d{3})T")
 
 
@@ -42,6 +45,7 @@ class _Segment:
     meta: dict[str, str]
     times: Array
     rows: Array
+    last_line: int
 
     def refuse(self, key: str, wanted: str) -> NoReturn:
         raise CameraError(
@@ -170,14 +174,20 @@ def _at(segments: Sequence[tuple[_Segment, Any, bool]], et: float, label: str) -
 def _segments(path: Path | str) -> list[_Segment]:
     """The segments of a message."""
     try:
-        lines = Path(path).read_text(encoding="utf-8").splitlines()
+        text = Path(path).read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise CameraError(f"{path}: cannot be read as text: {error}") from error
+    lines = text.splitlines()
     if lines and lines[0].lstrip().startswith("<"):
         raise CameraError(f"{path}: is XML; give the message as text (KVN)")
     kept = [_segment(str(path), meta, rows) for meta, rows in _parts(lines) if rows]
     if not kept:
         raise CameraError(f"{path}: has no META_START and rows: it is no OEM or AEM in text (KVN)")
+    for block in ("META", "DATA", "COVARIANCE"):
+        if len({sum(f"{block}_{end}" in line for line in lines) for end in ("START", "STOP")}) > 1:
+            raise CameraError(f"{path}: is cut: a {block}_START or its {block}_STOP is missing")
+    if not text.endswith("\n") and kept[-1].last_line == len(lines):
+        raise CameraError(f"{path}: its last line has no end: it is cut, or add a newline")
     return kept
 
 
@@ -217,15 +227,23 @@ def _segment(path: str, meta: dict[str, str], rows: list[Row]) -> _Segment:
     except ValueError as error:
         raise CameraError(f"{path}: from line {rows[0][0]} on: {error}") from error
     system = meta.get("TIME_SYSTEM", "")
-    try:
-        times = ephemeris_times([_calendar(words[0]) for _, words in rows], system)
-    except SunError as error:
-        raise CameraError(f"{path}: {error}") from error
+    times = _times(path, [words[0] for _, words in rows], system)
     if not (np.diff(times) > 0.0).all() or not np.isfinite(numbers).all():
         raise CameraError(
             f"{path}: from line {rows[0][0]} on: times must increase, numbers be finite"
         )
-    return _Segment(path, meta, times, numbers)
+    for key, end, sign in (("START_TIME", times[0], 1.0), ("STOP_TIME", times[-1], -1.0)):
+        if key in meta and sign * (end - _times(path, [meta[key]], system)[0]) > _ENDS_S:
+            raise CameraError(f"{path}: is cut: its rows do not reach {key} = {meta[key]}")
+    return _Segment(path, meta, times, numbers, rows[-1][0])
+
+
+def _times(path: str, texts: Sequence[str], system: str) -> Array:
+    """Ephemeris times of texts in a time system."""
+    try:
+        return ephemeris_times([_calendar(text) for text in texts], system)
+    except SunError as error:
+        raise CameraError(f"{path}: {error}") from error
 
 
 def _calendar(text: str) -> str:

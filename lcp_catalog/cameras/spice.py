@@ -10,6 +10,9 @@ SPICE has one pool of kernels a process and no locks: one thread at a time.
 from __future__ import annotations
 
 import math
+import os
+import re
+import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -50,6 +53,12 @@ KEYWORDS = {
 _NAC = (-85600, -85610)
 """Instruments whose OD_K is the single number of LROC NAC's lens."""
 
+_DAF = struct.Struct("84x4s8s")
+"""Begin of a binary kernel (DAF): its first free place (in numbers of 8 bytes, from 1), and the order of its bytes."""
+
+_RECORD = 1024
+"""Bytes of a record of a binary kernel, of which SPICE reads whole ones."""
+
 _COARSEST_MM = 0.2
 _ROWS = 10_000
 _WINDOWS = 20_000
@@ -59,8 +68,8 @@ _WINDOWS = 20_000
 def loaded(kernels: Path | str | Sequence[Path | str]) -> Iterator[Any]:
     """The module spiceypy, with kernels loaded for the block beside those that the program has loaded.
 
-    CameraError, one line, for one that SPICE refuses; InputError for one that is not there;
-    MissingPackageError without spiceypy.
+    CameraError, one line, for one that SPICE refuses, for one that is cut, and for what SPICE refuses in the block;
+    InputError for one that is not there; MissingPackageError without spiceypy.
     """
     spice = package("spiceypy", "spice", "SPICE kernels")
     done = []
@@ -69,9 +78,13 @@ def loaded(kernels: Path | str | Sequence[Path | str]) -> Iterator[Any]:
             if not Path(one).is_file():
                 raise unread(one, FileNotFoundError())
             done.append(str(one))  # a meta-kernel that fails half-way has loaded some
+            before = spice.ktotal("ALL")
             with _explained(spice, f"{one}: SPICE cannot load it"):
                 spice.furnsh(str(one))
-        yield spice
+            for k in range(before, spice.ktotal("ALL")):
+                _check_whole(spice.kdata(k, "ALL")[0])
+        with _explained(spice, "a kernel lacks something, or is cut"):
+            yield spice
     finally:
         for name in reversed(done):
             spice.unload(name)
@@ -84,16 +97,44 @@ def kernel_files(path: Path | str) -> list[Path]:
     return [Path(name) for name in names]
 
 
+def _check_whole(path: str) -> None:
+    """CameraError for a kernel that is cut, of which SPICE takes what is left: a binary one is shorter than it says, a
+    text ends within a line or a list. Kernels have no checksums: nothing else shows it.
+    """
+    try:
+        with open(path, "rb") as file:
+            head, size = file.read(_DAF.size), os.fstat(file.fileno()).st_size
+            binary = head.startswith((b"DAF/", b"NAIF/DAF", b"DAS/"))
+            text = b"" if binary else head + file.read()
+    except OSError as error:
+        raise unread(path, error) from error
+    if not binary:
+        blocks = [one.partition(b"\\begintext")[0] for one in text.split(b"\\begindata")[1:]]
+        lists = re.sub(rb"'[^'\n]*'", b"", b"".join(blocks))
+        if not text.endswith(b"\n"):
+            raise CameraError(f"{path}: its last line has no end: it is cut, or add a newline")
+        if lists.count(b"(") != lists.count(b")"):
+            raise CameraError(f"{path}: is cut: a list has no end")
+    elif not head.startswith(b"DAS/"):
+        free, layout = _DAF.unpack_from(head.ljust(_DAF.size, b"\0"))
+        first_free = int.from_bytes(free, "big" if layout == b"BIG-IEEE" else "little")
+        wanted = _RECORD * (-(-8 * (first_free - 1) // _RECORD))
+        if size < wanted:
+            raise CameraError(f"{path}: is cut: it has {size} of {wanted} bytes")
+
+
 @contextmanager
 def _explained(spice: Any, what: str) -> Iterator[None]:
     """CameraError of an error of SPICE, with its own words in one line."""
     try:
         yield
     except spice.utils.exceptions.SpiceyError as error:
-        said = " ".join((error.long or error.explain).split())
-        if "NOSUCHFILE" in error.short:
+        parts = (getattr(error, name, "") for name in ("short", "long", "explain"))
+        short, long, explain = parts  # a NotFoundError has none of them
+        said = " ".join((long or explain or str(error)).split())
+        if "NOSUCHFILE" in short:
             said += " (names in a meta-kernel without a folder are those of the working folder)"
-        raise CameraError(f"{what}: {error.short} {said}") from error
+        raise CameraError(f"{what}: {short} {said}") from error
 
 
 @dataclass(frozen=True)

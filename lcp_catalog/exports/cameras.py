@@ -26,7 +26,7 @@ from ..cameras.trajectory import Track
 from ..child_process import call_apart
 from ..choices import CAMERA_EXPORTS
 from ..ephemeris.times import ephemeris_time
-from ..errors import CameraError, ConfigError
+from ..errors import CameraError, ConfigError, unread
 from .points import write_checked
 
 GAP_S = 600.0
@@ -35,6 +35,7 @@ GAP_S = 600.0
 ALONE_S = 0.5
 """Time before and after a camera without neighbours for which it is valid: its velocity and attitude go on."""
 
+_NOT_COVERED = ("SPICE(SPKINSUFFDATA)", "SPICE(NOLOADEDFILES)")
 _DEGREE = 7
 _NODES = 257
 _LONGEST_S = 600.0
@@ -83,7 +84,7 @@ def export_cameras(
     Raises
     ------
     CameraError
-        For cameras without a time, and for kernels that lack something.
+        For cameras without a time, for kernels that lack something, and for a damaged report.
     ConfigError
         For another ending, and for a report of other images.
 
@@ -132,8 +133,10 @@ def _solved(report: Path | str, count: int) -> list[Array | None]:
     try:
         images = json.loads(Path(report).read_text(encoding="utf-8"))["images"]
         poses = [image["pose"] for image in images]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigError(f"{report}: is not the report.json of a validation") from error
+    except OSError as error:
+        raise unread(report, error) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise CameraError(f"{report}: is no report.json of a validation, or damaged") from error
     if len(poses) != count:
         raise ConfigError(f"{report}: is of {len(poses)} images, and {count} cameras are given")
     if any(pose and set(pose["correction"]) != set(POSE) for pose in poses):
@@ -206,7 +209,9 @@ def _velocities(there: OpenInstrument, times: Array, places: Array) -> Array:
     """
     try:
         return np.array([there.state(et)[3:] for et in times])
-    except CameraError:
+    except CameraError as error:
+        if getattr(error.__cause__, "short", "") not in _NOT_COVERED:  # a kernel that is not read
+            raise
         if len(times) > 1:
             track, step = Track(times - times[0], places), 1e-3 * float(np.diff(times).min())
             inside = np.clip(times - times[0], step, times[-1] - times[0] - step)

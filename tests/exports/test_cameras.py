@@ -170,6 +170,20 @@ def test_ephemeris_times_are_spices(meta: Path) -> None:
         spiceypy.unload(str(meta.parent / "leap.tls"))
 
 
+def test_a_kernel_that_is_not_read_gives_no_other_velocity(
+    meta: Path, files: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only where the kernels do not cover a camera is its velocity taken from elsewhere."""
+
+    def unread(*given: object) -> None:
+        raise spiceypy.utils.exceptions.SpiceyError(short="SPICE(DAFREADFAIL)")
+
+    monkeypatch.setattr(spiceypy, "spkez", unread)
+    with pytest.raises(CameraError, match="DAFREADFAIL"):
+        lcp.export_cameras(files[0], tmp_path / "x.bsp", None, meta, "MY_ORBITER", "MY_CAMERA")
+    assert not (tmp_path / "x.bsp").exists()
+
+
 def test_refusals(
     meta: Path, files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -184,7 +198,7 @@ def test_refusals(
     none = report(tmp_path / "none.json", None)
     with pytest.raises(ConfigError, match="no image is located"):
         lcp.export_cameras(files[0], tmp_path / "x.bsp", none, **names)
-    with pytest.raises(ConfigError, match=r"is not the report\.json of a validation"):
+    with pytest.raises(CameraError, match=r"is no report\.json of a validation"):
         lcp.export_cameras(files[0], tmp_path / "x.bsp", files[0], **names)
     camera = lcp.read_camera(files[0])
     timeless = tmp_path / "t.json"

@@ -13,12 +13,25 @@ from pathlib import Path
 import numpy as np
 from lcp_cli.main import run
 
+from lcp_catalog.cameras.sensor import POSE
+from lcp_catalog.cameras.spice import SpiceCamera, loaded
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.choices import EXPORTS
 from lcp_catalog.exports.export import export
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 
-from . import archive_files, catalogs, merges, navigable, posed, products, real_heights, twins_match
+from . import (
+    archive_files,
+    catalogs,
+    ccsds_files,
+    merges,
+    navigable,
+    posed,
+    products,
+    real_heights,
+    spice_kernels,
+    twins_match,
+)
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = catalogs.HADLEY
@@ -52,6 +65,8 @@ class Words:
 
 _SUN = "--sun-azimuth 100 --sun-elevation 17"
 _BUILD = "build-catalog dem.tif --config build.toml -o x.h5"
+_KERNELS = (*spice_kernels.TEXTS, "orbiter.bsp", "orbiter.bc")
+_MISSION = "--kernels META.tm --observer MY_ORBITER --instrument MY_CAMERA"
 _RENDER = f"render dem.tif -o r.tif --center 3.5 26 --size 8 --gsd 474 {_SUN}"
 COMMANDS = {
     "sample": Words("sample folder"),
@@ -59,6 +74,16 @@ COMMANDS = {
     "dem info --map": Words("dem info dem.tif --map map.png"),
     "dem check": Words("dem check dem.tif LDEM_64.IMG", ("LDEM_64.LBL",), "", verdict=True),
     "camera info": Words("camera info camera.json --catalog usable.h5 --dem dem.tif --plot c.svg"),
+    "camera from-spice": Words(f"camera from-spice {_MISSION} --time 2026-03-01T00:07:33 -o cam.json", _KERNELS),
+    "camera from-ccsds": Words(
+        "camera from-ccsds --oem o.oem --aem a.aem --camera posed.json --kernels moon.tpc moon.tf "
+        "--time 2026-03-01T00:00:33 -o cam.json"
+    ),
+    "camera export .json": Words("camera export posed.json --report located.json -o out.json"),
+    **{
+        f"camera export {ending}": Words(f"camera export posed.json --report located.json {_MISSION} -o out{ending}", _KERNELS)
+        for ending in (".bsp", ".bc")
+    },
     "render": Words(f"{_RENDER} --preview p.png --depfile r.d"),
     "sun": Words("sun --center 3.5 26 --dem dem.tif --gsd 474 --time 2026-01-27T02:00:00", again=""),
     "build-catalog": Words(f"{_BUILD} --jobs 1", again="--resume --overwrite"),
@@ -101,9 +126,25 @@ def prepare(folder: Path, names: Iterable[str] = COMMANDS) -> None:
     for name, (west, east) in {"west": (2.1, 3.7), "east": (3.3, 4.9)}.items():
         write_catalog(merges.part(every, west, east), folder / f"{name}.h5")
     write_catalog(navigable.everywhere_usable(9), folder / "usable.h5")
-    if any("camera" in COMMANDS[name].line or "way.csv" in COMMANDS[name].line for name in names):
+    words = {word for name in names for word in COMMANDS[name].line.split()}
+    if words & {"camera.json", "frame.json", "way.csv"}:
         _frames(folder)
+    if words & {"META.tm", "posed.json"}:
+        _mission(folder)
     shutil.copy(SAMPLE / "goniometer_synthetic.csv", folder / "paint.csv")
+
+
+def _mission(folder: Path) -> None:
+    """SPICE kernels, CCSDS messages, a camera of them, and the report of an image that it took."""
+    meta = spice_kernels.mission(folder)
+    camera = SpiceCamera("MY_ORBITER", "MY_CAMERA", meta).at(spice_kernels.TIME)
+    with loaded(meta):
+        ccsds_files.oem(folder / "o.oem")
+        ccsds_files.aem(folder / "a.aem", "MY_CAMERA")
+    spice_kernels.meta_kernel(folder, ".")
+    (folder / "posed.json").write_text(json.dumps(camera.to_json()))
+    report = {"images": [{"pose": {"correction": dict.fromkeys(POSE, 0.0)}}]}
+    (folder / "located.json").write_text(json.dumps(report))
 
 
 def _frames(folder: Path) -> None:

@@ -135,11 +135,16 @@ def mission(folder: Path) -> Path:
     finally:
         for name in TEXTS:
             spiceypy.unload(str(folder / name))
+    return meta_kernel(folder, str(folder))
+
+
+def meta_kernel(folder: Path, named: str) -> Path:
+    """Write the META.tm of kernels in a folder, which has this name in it; its path."""
     names = "".join(f"'$DIR/{name}'\n" for name in [*TEXTS, "orbiter.bsp", "orbiter.bc"])
     meta = folder / "META.tm"
     meta.write_text(
         "KPL/MK\n\\begindata\nPATH_SYMBOLS = ( 'DIR' )\nPATH_VALUES = (\n"
-        + "".join(f"{line}\n" for line in _pieces(str(folder)))
+        + "".join(f"{line}\n" for line in _pieces(named))
         + f")\nKERNELS_TO_LOAD = (\n{names})\n",
         encoding="ascii",
     )
