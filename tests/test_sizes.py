@@ -29,7 +29,8 @@ BUDGETS = {
     # 155 commands that fork before the call that fails, 38 in checks and where outputs begin
     # 1 plain windows
     # 1 plain windows, 1 share of the noise that displaces simulated matches
-    "code lines, benchmarks": 4923,
+    # 391 which matcher survives which Sun: six others (97), scenes, tables and the picture
+    "code lines, benchmarks": 5314,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -46,7 +47,8 @@ BUDGETS = {
     # 4 compiled files without paths, 8 workers where the folder for temporary files has a long name
     # 8 other threads while a GeoTIFF is written
     # 48 kernels and messages that are cut
-    "code lines, lcp_catalog": 44904,
+    # 38 a budget's configuration on more areas; promise and size of every row
+    "code lines, lcp_catalog": 44944,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -63,8 +65,8 @@ BUDGETS = {
     # 209 ellipses by a part of the noise
     # 346 ellipses by a part of the noise, sharpness tried
     # 59 compiled kernels
-    # 250 the trade of all approximations
-    "words of docs": 52489,
+    # 270 the trade of all approximations
+    "words of docs": 52503,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -226,6 +226,8 @@ class BuildRun:
     overwrite: bool = False
     keep_going: bool = False
     progress: Progress = lambda done, total: None
+    advises: bool = True
+    """False: no warning about a catalogue that is poor."""
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
@@ -313,7 +315,8 @@ class BuildRun:
                 Assembly(recipe, self.checkpoints, names).write(files[-1], True, check)
             points = merge_catalogs(files, self.output, self.overwrite).points
         self.checkpoints.remove()
-        _warn_of_few(self.build, self.output)
+        if self.advises:
+            _warn_of_few(self.build, self.output)
         areas = len(self.build.jobs) - len(failed)
         return BuildReport(points, areas, failed, tuple(self.build.files))
 

@@ -479,30 +479,44 @@ class Measurement:
                     yield wanted[number], Outcome.of(self.sample, level, shares, runs)
 
     def rows(
-        self, usual: Outcome, wanted: Sequence[Setting], whole: bool
+        self, usual: Outcome, wanted: Sequence[Setting], whole: Written | None
     ) -> Iterator[tuple[Setting, Row | str]]:
-        """The rows of settings, or why they were not measured. ``whole``: the sample is the whole build, and each
-        catalogue is written for its promise and its size.
+        """The rows of settings, or why they were not measured. ``whole``: the file of the usual catalogue, if the sample is the
+        whole build; each catalogue is then written for its promise and its size.
         """
-        before = _promise(usual.level, self.sample) if whole else None
         for setting, found in self.outcomes(wanted):
             if isinstance(found, str):
                 yield setting, found
                 continue
             row = row_of(self.sample, setting, usual, found)
-            if before and (after := _promise(found.level, self.sample)):
-                row["promise_change"] = after[0] - before[0]
-                row["bytes"] = after[1]
+            if whole:
+                row |= Written.of(found.level, self.sample).beside(whole)
             yield setting, row
 
 
-def _promise(level: Level, sample: Sample) -> tuple[float, int] | None:
-    """Share of its promise that a whole build keeps, and the size of its file; None without a promise."""
-    with tempfile.TemporaryDirectory() as folder:
-        output = Path(folder, "c.h5")
-        BuildRun(dataclasses.replace(sample.build, levels=(level,)), output, jobs=2).whole()
-        kept = kept_promise(stored_catalog(StoredFile.of(output)))
-        return (float(kept["kept_share"]), output.stat().st_size) if kept else None
+@dataclass(frozen=True)
+class Written:
+    """The file of a whole build: the share of its promise that it keeps, None without a promise, and its size."""
+
+    kept_share: float | None
+    bytes: int
+
+    @classmethod
+    def of(cls, level: Level, sample: Sample) -> Written:
+        """Build a level and write it to a temporary file."""
+        with tempfile.TemporaryDirectory() as folder:
+            output = Path(folder, "c.h5")
+            build = dataclasses.replace(sample.build, levels=(level,))
+            BuildRun(build, output, jobs=2, advises=False).whole()
+            kept = kept_promise(stored_catalog(StoredFile.of(output)))
+            share = float(kept["kept_share"]) if kept else None
+            return cls(share, output.stat().st_size)
+
+    def beside(self, usual: Written) -> Row:
+        """What a row says of it beside the usual one."""
+        mine, theirs = self.kept_share, usual.kept_share
+        change = None if mine is None or theirs is None else mine - theirs
+        return {"promise_change": change, "bytes": self.bytes}
 
 
 # -- the configuration to take

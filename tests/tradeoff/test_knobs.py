@@ -12,11 +12,13 @@ import pytest
 from helpers.trades import CONFIG, cratered_dem
 
 from lcp_catalog.approximations import APPROXIMATIONS
+from lcp_catalog.catalog.promise import kept_promise
 from lcp_catalog.catalog.schema import UNSHADOWED, evaluated, usable
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import BuildConfig
-from lcp_catalog.production.run import Build
+from lcp_catalog.production.run import Build, build_catalog
 from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
 from lcp_catalog.tradeoff.image_errors import ModelChanges
 from lcp_catalog.tradeoff.knobs import Setting, proposal, window_shifts
@@ -123,6 +125,50 @@ def test_what_is_not_measured_is_named(
     assert len(late.rows) == 1
     assert late.not_measured["same, same"] == "the time limit was reached"
     assert late.rows[0]["interval"] is None  # one area
+
+
+def test_all_areas_state_the_promise_and_the_size_of_the_file(
+    build: Build,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Of the files that `lcp build-catalog` writes; a build without a promise says so."""
+    dense = Setting("patch", "9", {"points.patch_nodes": 9})
+    monkeypatch.setattr(measurement, "settings", lambda config: [dense])
+    trade = measure_all(EMPTY, build, None, Budget(), math.inf, workers=0)
+    assert "promise is kept" not in caplog.text  # of a file that nobody sees
+    dem = build.recipe.dems.dems[0].path
+    kept, sizes = [], []
+    for k, config in enumerate((CONFIG, CONFIG.replaced(dense.values))):
+        build_catalog(dem, tmp_path / f"{k}.h5", config=config)
+        told = kept_promise(open_catalog(tmp_path / f"{k}.h5"))
+        assert told is not None
+        kept.append(told["kept_share"])
+        sizes.append((tmp_path / f"{k}.h5").stat().st_size)
+    assert [row["promise_change"] for row in trade.rows] == [0.0, pytest.approx(kept[1] - kept[0])]
+    assert kept[1] != kept[0]
+    assert [row["bytes"] for row in trade.rows] == pytest.approx(sizes, rel=0.01)
+    spaced = Build.plan((dem,), CONFIG.replaced({"points.spacing_m": 8000.0}))
+    monkeypatch.setattr(measurement, "settings", lambda config: [])
+    none = measure_all(EMPTY, spaced, None, Budget(), math.inf, workers=0)
+    assert none.rows[0]["promise_change"] is None
+    assert "promises nothing" in none.not_measured["change of the promise"]
+
+
+def test_the_configuration_for_a_budget_is_measured_on_more_areas(
+    build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On all of this small build, where its error is that of the whole; of time as for all areas."""
+    few = Setting("dependence", "0", {"points.max_dependence": 0.0}, True)
+    monkeypatch.setattr(measurement, "settings", lambda config: [few])
+    monkeypatch.setattr(measurement, "proposal", lambda *_: [few])
+    chosen = measure_all(EMPTY, build, 1, Budget(seconds=1.0), math.inf, workers=0)
+    every = measure_all(EMPTY, build, None, Budget(), math.inf, workers=0)
+    assert chosen.best_row is not None
+    assert chosen.best_row["areas"] == len(build.jobs) > 1
+    share = [row["conditions_changed_share"] for row in (chosen.best_row, every.rows[1])]
+    assert share[0] == share[1] != chosen.rows[1]["conditions_changed_share"]
 
 
 def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
