@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import io
 import logging
 import multiprocessing
 import os
@@ -26,7 +27,8 @@ from typing import Any
 
 import llvmlite
 import numba
-from numba.core import config, event
+from numba.core import config, environment, event
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
@@ -121,14 +123,18 @@ class _Files:
         return str(next(_own_folders()))
 
     def load_overload(self, signature: tuple[Any, ...], context: Any) -> Any:
-        """numba's result of a compilation, from the first undamaged file; None without."""
-        context.refresh()
+        """numba's result of a compilation, from the first undamaged file; None without. numba would first make ready
+        to compile, which takes longer than a small image.
+        """
+        rtsys.initialize(context)
         name = file_name(self.kernel, repr(signature))
         for folder in folders():
             body = _read(folder / name)
             if body is not None:
                 try:
-                    return numba.core.compiler.CompileResult._rebuild(context, *pickle.loads(body))
+                    return numba.core.compiler.CompileResult._rebuild(
+                        context, *_Unpickler(io.BytesIO(body)).load()
+                    )
                 except Exception:  # whatever an unreadable file raises: it is compiled again
                     log.debug("%s is not used", folder / name, exc_info=True)
         return None
@@ -150,6 +156,25 @@ class _Files:
 
     def flush(self) -> None:
         """Nothing: a file is as good as what it is compiled from."""
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads a file without the modules of numba (and scipy) from which its kernel took functions."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        return _environment if name == "_rebuild_env" else super().find_class(module, name)
+
+
+def _environment(module: str, constants: list[Any], name: str) -> Any:
+    """numba's environment of a compiled function. Its globals are used when it is compiled, not when it runs: of
+    numba's own functions only the module's name is kept.
+    """
+    if environment.lookup_environment(name) is None and module.startswith("numba."):
+        made = environment.Environment({"__name__": module})
+        made.consts[:], made.env_name = constants, name
+        environment.Environment._memo[name] = made
+        return made
+    return environment._rebuild_env(module, constants, name)
 
 
 def _digest(path: Path, body: bytes) -> bytes:

@@ -23,7 +23,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -75,6 +74,8 @@ def resized(values: Array, shape: tuple[int, int]) -> Array:
     """
     if values.shape == shape:
         return values
+    import cv2  # noqa: PLC0415  # 20 MB and 0.1 s: only where there is an image
+
     coarser = shape[0] < values.shape[0]
     how = cv2.INTER_AREA if coarser else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(values, shape[::-1], interpolation=how), dtype=np.float64)
@@ -101,19 +102,17 @@ def _samples(path: Path | str) -> NDArray[Any]:
 
 def _decoded(path: Path | str) -> NDArray[Any] | None:
     """None for a file that OpenCV cannot read; OpenCV's own messages are suppressed."""
+    import cv2  # noqa: PLC0415  # as in `resized`
+
     logging = cv2.utils.logging
     before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
-        return np.asarray(found) if (found := _imread(path)) is not None else None
-    finally:
-        logging.setLogLevel(before)
-
-
-def _imread(path: Path | str) -> NDArray[Any] | None:
-    try:
-        return cv2.imread(os.fspath(path), cv2.IMREAD_UNCHANGED)
+        found = cv2.imread(os.fspath(path), cv2.IMREAD_UNCHANGED)
+        return None if found is None else np.asarray(found)
     except cv2.error:
         return None
+    finally:
+        logging.setLogLevel(before)
 
 
 def _require_light(path: Path | str, plane: NDArray[Any]) -> None:

@@ -12,7 +12,6 @@ import struct
 import zlib
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -24,19 +23,24 @@ HEIGHT_PX = 9
 LINE_PX = 14
 """Distance of two lines of text."""
 
-_FONT, _SCALE = cv2.FONT_HERSHEY_SIMPLEX, 0.4
+_SCALE = 0.4
 
 
 def width_px(text: str) -> int:
     """Width of a line of text."""
-    return int(cv2.getTextSize(text, _FONT, _SCALE, 1)[0][0])
+    import cv2  # noqa: PLC0415  # 20 MB and 0.1 s: a render imports this module
+
+    return int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, _SCALE, 1)[0][0])
 
 
 def draw_text(picture: Bytes, left: int, top: int, text: str, colour: tuple[int, int, int]) -> None:
     """Draw a line of text into a picture (rows, columns, 3), its capitals from row ``top`` down; parts outside the picture are
     cut off.
     """
-    cv2.putText(picture, text, (left, top + HEIGHT_PX), _FONT, _SCALE, colour, 1, cv2.LINE_AA)
+    import cv2  # noqa: PLC0415  # as in `width_px`
+
+    font, place = cv2.FONT_HERSHEY_SIMPLEX, (left, top + HEIGHT_PX)
+    cv2.putText(picture, text, place, font, _SCALE, colour, 1, cv2.LINE_AA)
 
 
 _COLOUR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}

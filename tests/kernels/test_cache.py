@@ -281,3 +281,42 @@ def test_a_program_that_has_compiled_for_its_own_processor_goes_on_with_it(packa
     last = "; from lcp_catalog.kernels import cpu_level; print(cpu_level.target() == own)"
     out, _ = result(started(package, first + LEVEL.replace(chr(10), "; ") + last))
     assert out.endswith("True")
+
+
+LOAD_ALL = """
+import io, sys
+from pathlib import Path
+from lcp_catalog.kernels import cache
+from numba.core.registry import cpu_target
+from numba.core.compiler import CompileResult
+cache.rtsys.initialize(cpu_target.target_context)
+for path in sys.argv[1:]:
+    body = cache._read(Path(path))
+    CompileResult._rebuild(cpu_target.target_context, *cache._Unpickler(io.BytesIO(body)).load())
+print(len(sys.argv) - 1, "scipy.linalg" in sys.modules)
+"""
+
+
+def test_a_kernel_of_a_file_needs_nothing_that_numba_loads_to_compile() -> None:
+    found = [str(path) for folder in cache.folders() for path in folder.glob("*.kernel")]
+    assert found, "the tests compile some"
+    done = subprocess.run(
+        [sys.executable, "-c", LOAD_ALL, *found], check=False, capture_output=True, text=True
+    )  # a symbol that is missing ends the process
+    assert done.stdout == f"{len(found)} False\n", done.stderr
+
+
+RENDERED = """
+import sys
+import lcp_catalog
+image = lcp_catalog.render(sys.argv[1], center=(3.63, 26.13), size_km=8, sun=(96.5, 14), accuracy="draft")
+print(image.radiance.shape, *sorted({"scipy.linalg", "cv2", "numba.np.linalg"} & {*sys.modules}))
+"""
+
+
+def test_a_render_by_kernels_of_files_imports_neither_scipy_nor_opencv() -> None:
+    dem = PACKAGE.parent / "sample_data" / "hadley_gld100_256ppd.tif"
+    words = [sys.executable, "-c", RENDERED, str(dem)]
+    subprocess.run(words, check=True, capture_output=True)  # compiles what is missing
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert done.stdout == "(69, 69)\n", done.stderr
