@@ -154,6 +154,7 @@ class Run:
     scheduler: str | None
     resume: bool
     keep_going: bool
+    try_cures_s: float | None
     overwrite: bool
 
     @property
@@ -227,6 +228,15 @@ run_options = collected(
         "--keep-going",
         is_flag=True,
         help="If areas fail, write the catalogue without them (exit code 3).",
+    ),
+    click.option(
+        "--try-cures",
+        "try_cures_s",
+        type=Number(0.0),
+        metavar="SECONDS",
+        help="Greatest time in which changes of the configuration are tried on a part of the region, if the catalogue holds no "
+        "point or keeps less than half of its promise: those that help are named with their price. Default: as long as the "
+        "areas took, at most 30 s. 0: none is tried.",
     ),
     overwrite_option,
 )
@@ -338,6 +348,7 @@ def _run(
         resume=run.resume,
         overwrite=run.overwrite,
         keep_going=run.keep_going,
+        try_cures_s=run.try_cures_s,
         progress=progress,
     )
 

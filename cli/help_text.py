@@ -71,6 +71,7 @@ GROUPS = {
         *(
             "--resume",
             "--keep-going",
+            "--try-cures",
             "--areas",
             "--rounds",
             "--budget",

@@ -48,9 +48,12 @@ def progress(label: str, weights: Sequence[float] = ()) -> Iterator[Callable[[in
     pace, began = _Pace(weights), time.monotonic()
 
     def shown(done: int | None) -> str:
+        passed = (
+            f"{duration_text(time.monotonic() - began)} so far"  # changes, so that the bar is drawn
+        )
         if not done:
-            return f"{duration_text(time.monotonic() - began)} so far"
-        return f"{duration_text(pace.left_s)} left" if weights else pace.text
+            return passed
+        return f"{duration_text(pace.left_s)} left" if weights else f"{pace.text}, {passed}"
 
     messages.clear()
     bar = click.progressbar(

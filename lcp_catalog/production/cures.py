@@ -1,34 +1,326 @@
-"""What helps a build that has no points, or keeps little of its promise, and what that costs: in the measure of work
-that a plan divides its areas by, nodes times conditions (`area_job.AreaJob.work`).
+"""What helps a build that has no points, or keeps little of its promise: the changes of its configuration that a cause
+suggests are tried on a part of the region, and those that help are named, with their effect there and their price.
+The price is in the measure of work that a plan divides its areas by, nodes times conditions (`area_job.AreaJob.work`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import logging
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..catalog.catalogue import Catalog
+from ..catalog.promise import kept_promise
+from ..catalog.schema import COVERAGE_STATUS, NO_CELL, Cause
+from ..catalog.stored import StoredFile, stored_catalog
 from ..choices import MOON_MAP
-from ..errors import ConfigError
+from ..ephemeris.solar_position import highest_sun_deg
+from ..errors import ConfigError, LcpError
 from ..terrain.terrain import native_dem
 from ..terrain.useful_cell import resolves
 from .area_job import conditions_at
+from .point_config import FOOTPRINT_NODES, PointConfig
 
 if TYPE_CHECKING:
-    from .config import BuildConfig
+    from .config import BuildConfig, SunConfig
     from .run import Build
+
+log = logging.getLogger(__name__)
 
 _COUNTS = 0.1
 """Least share that a cause needs for its cures to be named."""
 
+_KEPT = 0.5
+"""Share of its promise below which a build is warned of."""
 
-def cures(build: Build, causes: Mapping[str, float], most: int = 2) -> str:
-    """The cheapest changes of a build that may help against causes, by name the shares of cells or conditions in which
-    they prevail (`schema.COVERAGE_STATUS`, `schema.Cause`), each with its work as a multiple of the build's; empty for none.
+TRY_S = 30.0
+"""Most time, by default, in which changes are tried."""
+
+_NAMED, _TRIED, _PLACES, _SEED = 2, 5, 2, 1
+"""Changes that are named and that are tried, places where, and the seed of their choice."""
+
+_SIDES = 48, 256
+"""Least and greatest side of the ground at a place, nodes. On Hadley's 60 km in cells of 237 m half the search radius kept 8
+more percent of the promise on 51 nodes, 9 on 127; larger patches 9 and 9; more candidates -1 and 1 (2026-11-27).
+"""
+
+_MEANT, _BEGUN = 0.6, 0.7
+"""Part of the time that is planned for (kernels are loaded, too), and the part of a change's own time that must be left for it
+to be begun: the first one, of the build as it is, takes longer than the others.
+"""
+
+_HIGH_DEG = 65.0
+"""A high Sun that is tried where shadows prevail."""
+
+_GAIN = 0.02
+"""Least gain in the share of the promise that counts as help."""
+
+_HELP = {
+    "nodata": "the DEM has no heights there: another area or DEM helps",
+    "dark": "the ground is dark, or without any contrast",
+    "featureless": "the ground has too little texture for the errors of heights and image: known `errors.height_sigma_m` or a "
+    "smaller `errors.sensor_noise` help",
+    "ambiguous": "the ground looks like other ground within `points.search_m`",
+    "dependent": "terrain outside the patches shadows or hides them: a higher `points.max_dependence` or higher "
+    "`sun.elevations_deg` help",
+    "marginal": "points are usable under the Suns that were evaluated, but not surely between them",
+    "few": "points are usable, but too few",
+    "size": "`points.max_points` or `points.max_bytes` is reached",
+}
+"""Why points are lacking, by `schema.COVERAGE_STATUS` and `schema.Cause`, and what else helps."""
+
+
+@dataclass(frozen=True)
+class Cure:
+    """Changes of a configuration against a cause, and their work as a multiple of the build's."""
+
+    changes: Mapping[str, Any]
+    cause: str
+    work: float
+
+    def __str__(self) -> str:
+        return " and ".join(
+            f"`{name}` {_text(name, value)}" for name, value in self.changes.items()
+        )
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Points of a catalogue, conditions in which its promise is kept, and conditions."""
+
+    points: int
+    kept: int = 0
+    conditions: int = 0
+
+    @classmethod
+    def of(cls, catalog: Catalog) -> Yield:
+        """What a catalogue has."""
+        told = catalog.promise
+        if told is None or not len(catalog):
+            return cls(len(catalog))
+        cause = np.asarray(told.cause)
+        return cls(len(catalog), int((cause == Cause.MET).sum()), int((cause != NO_CELL).sum()))
+
+    def __add__(self, other: Yield) -> Yield:
+        return Yield(
+            self.points + other.points,
+            self.kept + other.kept,
+            self.conditions + other.conditions,
+        )
+
+    @property
+    def share(self) -> float:
+        """Share of the promise that is kept."""
+        return self.kept / max(1, self.conditions)
+
+
+Measure = Callable[["BuildConfig"], Yield]
+"""Makes the catalogue of a configuration."""
+
+
+def warn_of_few(
+    build: Build, output: Path, measure: Measure, limit_s: float, spent_s: float
+) -> None:
+    """Log a warning about a catalogue without points, with its cells by cause, or one that keeps little of its promise;
+    then what helps, with its effect and its price.
+
+    ``measure``: makes small builds, for at most ``limit_s``; ``spent_s``: processor time of the whole build, 0: unknown.
+    """
+    catalog = stored_catalog(StoredFile.of(output))
+    promise = kept_promise(catalog) if len(catalog) else None
+    if promise is not None and promise["kept_share"] < _KEPT:
+        causes = promise["causes"]
+        told = ", ".join(f"{why} {100.0 * share:.0f} %" for why, share in causes.items())
+        log.warning(
+            "%s: the promise is kept in %.0f %% of places, views and Suns (else %s)",
+            output,
+            100.0 * promise["kept_share"],
+            told,
+        )
+    elif not len(catalog):
+        status = np.asarray(catalog.coverage.status)
+        counts = {cause: int((status == code).sum()) for code, cause in COVERAGE_STATUS.items()}
+        causes = {name: count for name, count in counts.items() if name in _HELP}
+        told = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
+        log.warning("%s: holds no point; cells by cause: %s", output, told or "none")
+    else:
+        return
+    if causes and max(causes.values()):
+        trial = Trial(build, measure, limit_s, spent_s)
+        log.warning("%s: %s", output, trial.advice(causes, _failing(catalog)))
+
+
+def _failing(catalog: Catalog) -> list[tuple[float, float]]:
+    """Longitudes and latitudes of two places, by chance of those with heights where least is found."""
+    told = catalog.promise if len(catalog) else None
+    if told is None:
+        status, lon, lat = (
+            np.asarray(getattr(catalog.coverage, name))
+            for name in ("status", "longitude", "latitude")
+        )
+        rows = np.flatnonzero(status != _NODATA)
+    else:
+        cause, lon, lat = (
+            np.asarray(getattr(told, name)) for name in ("cause", "longitude", "latitude")
+        )
+        lacking = ((cause > Cause.NODATA) & (cause != NO_CELL)).mean(axis=(1, 2, 3))
+        rows = np.flatnonzero(lacking >= max(np.median(lacking), 1e-9))
+    dice = np.random.default_rng(_SEED)
+    chosen = dice.choice(rows, min(_PLACES, len(rows)), replace=False)
+    return [(float(lon[k]), float(lat[k])) for k in chosen]
+
+
+_NODATA = next(code for code, cause in COVERAGE_STATUS.items() if cause == "nodata")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Changes of a build that are tried on small parts of its region; fields as `warn_of_few`."""
+
+    build: Build
+    measure: Measure
+    limit_s: float
+    spent_s: float
+
+    def advice(self, causes: Mapping[str, float], places: Sequence[tuple[float, float]]) -> str:
+        """What helps against causes (by name, the share of each) at places, or why nothing does."""
+        main = max(causes, key=lambda name: causes[name])
+        why = f"{main}: {_HELP[main]}"
+        found = cures(self.build, causes)[:_TRIED]
+        if not found:
+            return f"no change of the configuration is known to help ({why})"
+        if self.limit_s <= 0.0 or not places:
+            return f"these may help (not tried): {_priced(found[:_NAMED])} ({why})"
+        side, few = self._affordable(found, len(places))
+        if not few:
+            return (
+                f"these may help (not tried: it would take longer than {self.limit_s:.0f} s; `try_cures_s` gives more "
+                f"time): {_priced(found[:_NAMED])} ({why})"
+            )
+        return self._told(side, few, places, why, found[len(few) :])
+
+    def _told(
+        self,
+        side: int,
+        found: Sequence[Cure],
+        places: Sequence[tuple[float, float]],
+        why: str,
+        dear: Sequence[Cure],
+    ) -> str:
+        """The changes that help; ``dear``: others, for which there is no time."""
+        log.info(
+            "trying %d changes at %d places, for %.0f s", len(found), len(places), self.limit_s
+        )
+        until = time.monotonic() + self.limit_s
+        before, took_s = self._yield({}, side, places)
+        helps: list[tuple[Cure, str]] = []
+        useless: list[Cure] = []
+        untried: list[Cure] = []
+        for cure in found:
+            if before is None or time.monotonic() + _BEGUN * took_s * cure.work > until:
+                untried.append(cure)
+                continue
+            after, _ = self._yield(cure.changes, side, places)
+            if after is None:
+                untried.append(cure)
+            elif effect := _effect(before, after):
+                helps.append((cure, effect))
+            else:
+                useless.append(cure)
+        km = side * self.build.recipe.gsd_m / 1e3
+        where = f"tried on {len(places)} x {km:.3g} x {km:.3g} km of the region"
+        parts = []
+        if helps:
+            named = "; ".join(f"{_priced([cure])}: {text}" for cure, text in helps[:_NAMED])
+            parts.append(f"{where}, these help: {named}")
+        elif useless:
+            parts.append(f"{where}, no change helps ({why})")
+        else:
+            parts.append(f"no change could be tried in {self.limit_s:.0f} s ({why})")
+        if useless:
+            parts.append(f"without effect: {', '.join(map(str, useless))}")
+        if untried or dear:
+            parts.append(f"not tried: {_priced([*untried, *dear])}")
+        return "; ".join(parts)
+
+    def _affordable(self, found: Sequence[Cure], places: int) -> tuple[int, list[Cure]]:
+        """The side of the ground at a place, nodes, and the changes that are tried there: as many as the time allows."""
+        config = self.build.recipe.config
+        halo = config.points.halo_nodes(config.gsd_m)
+        jobs = self.build.levels[0].jobs
+        nodes = sum(math.prod(job.task.window.grown(halo).shape) for job in jobs)
+        node_s = self.spent_s / nodes
+        x0, x1, y0, y1 = self.build.recipe.region.extent_m
+        most = min(_SIDES[1], math.floor(min(x1 - x0, y1 - y0) / config.gsd_m))
+        least = min(_SIDES[0], most)
+        if not node_s:
+            return least, list(found)
+        left = list(found)
+        while left:
+            each = (
+                _MEANT * self.limit_s / (places * (1.0 + sum(cure.work for cure in left))) / node_s
+            )
+            side = math.floor(math.sqrt(each)) - 2 * halo
+            if side >= least:
+                return min(side, most), left
+            left.pop()  # the dearest
+        return least, []
+
+    def _yield(
+        self, changes: Mapping[str, Any], side: int, places: Sequence[tuple[float, float]]
+    ) -> tuple[Yield | None, float]:
+        """What the places give with changes, and the time that it took; None for a configuration that is refused there."""
+        build = self.build
+        own = build.recipe.config
+        km = side * build.recipe.gsd_m / 1e3
+        given: dict[str, Any] = {"area.gsd_m": build.recipe.gsd_m, **changes, "area.size_km": km}
+        x0, x1, y0, y1 = build.recipe.region.extent_m
+        part = min(1.0, (1e3 * km) ** 2 / ((x1 - x0) * (y1 - y0)))
+        for name in ("points.max_points", "points.max_bytes"):
+            most = given.get(name, getattr(own.points, name.partition(".")[2]))
+            if most is not None:
+                given[name] = max(1, round(most * part))
+        if own.points.promised and own.points.footprint_km is None:
+            reach = min(x1 - x0, y1 - y0, FOOTPRINT_NODES * given["area.gsd_m"])
+            given["points.footprint_km"] = reach / 1e3
+        total, start = Yield(0), time.monotonic()
+        for place in places:
+            try:
+                total += self.measure(own.replaced({**given, "area.center_deg": place}))
+            except LcpError as error:
+                log.debug("not tried at %s: %s", place, error)
+                return None, 0.0
+        return total, time.monotonic() - start
+
+
+def _effect(before: Yield, after: Yield) -> str:
+    """What a change does for the better, empty for nothing."""
+    if after.share >= before.share + _GAIN:
+        return f"the promise is kept in {100.0 * after.share:.0f} % there ({100.0 * before.share:.0f} % without)"
+    if not before.conditions and after.points > before.points:
+        return f"{after.points} points there ({before.points} without)"
+    return ""
+
+
+def _priced(some: Sequence[Cure]) -> str:
+    """Changes with what they cost."""
+    return "; ".join(
+        f"{cure} (against {cure.cause}) at {cure.work:.2g} times the work" for cure in some
+    )
+
+
+def cures(build: Build, causes: Mapping[str, float]) -> list[Cure]:
+    """The changes of a build that may help against causes, by name the shares of cells or conditions in which
+    they prevail (`schema.COVERAGE_STATUS`, `schema.Cause`), the cheapest first.
     """
     config = build.recipe.config
-    found: dict[str, float] = {}
+    found: dict[str, Cure] = {}
     for cause in sorted(causes, key=lambda name: -causes[name]):
         if causes[cause] < _COUNTS * max(causes.values()):
             continue
@@ -37,10 +329,9 @@ def cures(build: Build, causes: Mapping[str, float], most: int = 2) -> str:
                 cost = _work(build, config.replaced(changes)) / _work(build, config)
             except ConfigError:  # a search radius below the patch, a cell that the spacing forbids
                 continue
-            text = " and ".join(f"`{name}` {_text(name, value)}" for name, value in changes.items())
-            found.setdefault(f"{text} (against {cause}) at {cost:.2g} times the work", cost)
-    cheapest = sorted(found, key=lambda text: found[text])[:most]
-    return f"these may help (effects not computed): {'; '.join(cheapest)}" if cheapest else ""
+            cure = Cure(changes, cause, cost)
+            found.setdefault(str(cure), cure)
+    return sorted(found.values(), key=lambda cure: cure.work)
 
 
 def _text(name: str, value: Any) -> str:
@@ -59,32 +350,58 @@ def _text(name: str, value: Any) -> str:
 def _against(build: Build, cause: str) -> Iterator[dict[str, Any]]:
     """Changes of the configuration against a cause."""
     config = build.recipe.config
-    points, sun, cell_m = config.points, config.sun, build.recipe.gsd_m
+    yield from _of_ground(build, config, cause)
+    yield from _of_points(config.points, build.recipe.gsd_m, cause)
+    yield from _of_suns(config.sun, highest_sun_deg(abs(build.recipe.region.lat_deg)), cause)
+
+
+def _of_ground(build: Build, config: BuildConfig, cause: str) -> Iterator[dict[str, Any]]:
+    """Changes of what is known of the ground."""
     if cause in ("dark", "featureless") and config.model.albedo_file is None:
         yield {"model.albedo": MOON_MAP}
     if cause in ("featureless", "few", "ambiguous") and len(build.levels) == 1:
-        dem = native_dem(build.recipe.dems, build.recipe.region)
-        if resolves(dem, 0.5 * cell_m):
-            yield {"area.gsd_m": 0.5 * cell_m}
-    if cause == "ambiguous" and points.search_m is not None:
-        yield {"points.search_m": 0.5 * points.search_m}
-    if cause == "few" and points.spacing_m is not None:
-        yield {"points.spacing_m": 0.5 * points.spacing_m}
+        finer_m = 0.5 * build.recipe.gsd_m
+        if resolves(native_dem(build.recipe.dems, build.recipe.region), finer_m):
+            yield {"area.gsd_m": finer_m}
+
+
+def _of_points(points: PointConfig, cell_m: float, cause: str) -> Iterator[dict[str, Any]]:
+    """Changes of what a point is."""
+    if cause == "ambiguous":
+        yield {"points.search_m": float(f"{0.5 * points.search_nodes(cell_m) * cell_m:.2g}")}
+    if cause in ("ambiguous", "featureless"):
+        yield {"points.patch_nodes": 2 * round(0.75 * points.patch_nodes) + 1}
+    if cause == "few":
+        yield {"points.candidates_per_cell": 2 * points.candidates_per_cell}
+        if points.spacing_m is not None:
+            yield {"points.spacing_m": 0.5 * points.spacing_m}
     if cause == "dependent":
         yield {"points.max_dependence": min(1.0, 2.0 * points.max_dependence)}
     if cause == "dark":
         yield {"points.min_lit_share": 0.5 * points.min_lit_share}
+    if cause == "size" and points.max_points is not None:
+        yield {"points.max_points": 2 * points.max_points}
+
+
+def _of_suns(sun: SunConfig, highest_deg: float, cause: str) -> Iterator[dict[str, Any]]:
+    """More Suns: higher ones, and those between."""
+    above = float(f"{min(highest_deg, _HIGH_DEG):.2g}")
+    if cause in ("dependent", "dark", "featureless") and above > 1.2 * max(sun.elevations_deg):
+        yield {"sun.elevations_deg": (*sun.elevations_deg, above)}
     if cause == "marginal":
         middles = np.add(
             sun.azimuths_deg, np.diff([*sun.azimuths_deg, sun.azimuths_deg[0] + 360.0]) / 2.0
         )
         yield {"sun.azimuths_deg": tuple(sorted({*sun.azimuths_deg, *(middles % 360.0).tolist()}))}
-    if cause == "size" and points.max_points is not None:
-        yield {"points.max_points": 2 * points.max_points}
 
 
 def _work(build: Build, config: BuildConfig) -> float:
-    """Nodes times conditions of all areas under another configuration."""
+    """Nodes times conditions of all areas under another configuration; of more candidates, or larger ones, the most
+    that they can add.
+    """
+    own, points = build.recipe.config.points, config.points
     ratio = (build.recipe.gsd_m / (config.area.gsd_m or build.recipe.gsd_m)) ** 2
+    ratio *= (points.patch_nodes / own.patch_nodes) ** 2
+    ratio *= points.candidates_per_cell / own.candidates_per_cell
     counts = (job.nodes * conditions_at(job.task.lat_deg, config).count for job in build.jobs)
     return ratio * float(sum(counts)) or 1.0

@@ -13,18 +13,16 @@ Public functions that make catalogues: a build, and a merge of several.
 from __future__ import annotations
 
 import logging
+import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from ..atomic_files import check_output, file_facts
 from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.comparison import CatalogOrPath
-from ..catalog.promise import kept_promise
-from ..catalog.schema import COVERAGE_STATUS
 from ..catalog.stored import StoredFile, stored_catalog
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..dem.plausibility import warn_of_doubts
@@ -34,6 +32,7 @@ from ..errors import AreaError, AreaFailedError, ConfigError, SunError, not_a
 from ..photometry.facet_model import law_file
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, warn_of_region
+from ..threads import limit_threads
 from .area_job import AreaJob, run_area
 from .areas import AreaTask, reached
 from .assembly import Assembly
@@ -41,7 +40,7 @@ from .camera_views import Seen, for_images
 from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
 from .config import BuildConfig
-from .cures import cures
+from .cures import TRY_S, Yield, warn_of_few
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
 from .merging import MergeReport, merge_catalogs
@@ -228,6 +227,8 @@ class BuildRun:
     progress: Progress = lambda done, total: None
     advises: bool = True
     """False: no warning about a catalogue that is poor."""
+    try_cures_s: float | None = 0.0
+    _spent_s: list[float] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.jobs < 1:
@@ -316,9 +317,30 @@ class BuildRun:
             points = merge_catalogs(files, self.output, self.overwrite).points
         self.checkpoints.remove()
         if self.advises:
-            _warn_of_few(self.build, self.output)
+            spent_s = sum(self._spent_s)
+            limit_s = self.try_cures_s
+            if limit_s is None:
+                limit_s = min(TRY_S, spent_s or TRY_S)
+            warn_of_few(self.build, self.output, self._small, limit_s, spent_s)
         areas = len(self.build.jobs) - len(failed)
         return BuildReport(points, areas, failed, tuple(self.build.files))
+
+    def _small(self, config: BuildConfig) -> Yield:
+        """What the catalogue of a small region and one cell size has, of the build's own DEMs, made in this process."""
+        region = config.area.region
+        assert region is not None
+        recipe = Recipe.of(config, self.build.recipe.dems, region, InputFiles())
+        cell = replace(self.build.levels[0].cell, gsd_m=config.gsd_m)
+        level = Level.plan(recipe, cell, None, None)
+        with tempfile.TemporaryDirectory() as folder, limit_threads(self.jobs):
+            output = Path(folder, "c.h5")
+            finished = Checkpoints.beside(output, {})
+            with finished.locked():
+                for job in level.jobs:
+                    finished.write(job.task.name, _finished_area(job))
+                names = [job.task.name for job in level.jobs]
+                Assembly(level.recipe, finished, names).write(output, False, lambda: None)
+            return Yield.of(stored_catalog(StoredFile.of(output)))
 
     def _compute(self, areas: Sequence[AreaJob]) -> dict[str, str]:
         """Compute those of the areas that have no checkpoint. Return the causes of those that failed, by
@@ -332,7 +354,7 @@ class BuildRun:
         if todo and self.jobs > 1 and self.scheduler is None:
             compile_kernels(missing("build-catalog"))  # else each worker compiles them
         self.progress(done, len(areas))
-        inputs = self.build.recipe.files
+        inputs, start = self.build.recipe.files, time.monotonic()
         for index, outcome in run_tasks(_finished_area, todo, self.jobs, self.scheduler, inputs):
             self.build.inputs.require_unchanged()
             task = todo[index].task
@@ -348,55 +370,13 @@ class BuildRun:
                 self.checkpoints.write(task.name, outcome)
             done += 1
             self.progress(done, len(areas))
+        workers = 1 if self.scheduler else max(1, min(self.jobs, len(todo)))
+        self._spent_s.append(workers * (time.monotonic() - start) if todo else 0.0)
         return failed
 
     def _missing(self, areas: Sequence[AreaJob]) -> list[AreaJob]:
         """The areas without an undamaged checkpoint."""
         return [job for job in areas if not self.checkpoints.is_whole(job.task.name)]
-
-
-_HELP = {
-    "featureless": "a finer `area.gsd_m`, known `errors.height_sigma_m` or a smaller `errors.sensor_noise` help",
-    "ambiguous": "a smaller `points.search_m` helps",
-    "dependent": "lower limits of dependence (`points.max_dependence`) or higher `sun.elevations_deg` help",
-    "nodata": "another area or DEM helps",
-}
-"""What helps where most cells have no point for a reason of `schema.COVERAGE_STATUS`."""
-
-
-_KEPT = 0.5
-"""Share of its promise below which a build is warned of."""
-
-
-def _warn_of_few(build: Build, output: Path) -> None:
-    """Log a warning about a catalogue without points, with its cells by cause, or one that keeps little of its promise;
-    and what helps, with its price.
-    """
-    catalog = stored_catalog(StoredFile.of(output))
-    promise = kept_promise(catalog) if len(catalog) else None
-    if promise is not None and promise["kept_share"] < _KEPT:
-        shares = promise["causes"].items()
-        causes = ", ".join(f"{why} {100.0 * share:.0f} %" for why, share in shares)
-        log.warning(
-            "%s: the promise is kept in %.0f %% of places, views and Suns (else %s); %s",
-            output,
-            100.0 * promise["kept_share"],
-            causes,
-            cures(build, promise["causes"]) or "no change of the configuration is known to help",
-        )
-    if len(catalog):
-        return
-    status = np.asarray(catalog.coverage.status)
-    counts = {cause: int((status == code).sum()) for code, cause in COVERAGE_STATUS.items()}
-    most = max(_HELP, key=lambda cause: counts[cause])
-    cells = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
-    log.warning(
-        "%s: holds no point; cells by cause: %s; where most are %s, %s",
-        output,
-        cells or "none",
-        most,
-        cures(build, counts) or _HELP[most],
-    )
 
 
 def _in_turn(areas: list[AreaJob], parts: int) -> list[AreaJob]:
@@ -475,6 +455,7 @@ def build_catalog(
     resume: bool = False,
     overwrite: bool = False,
     keep_going: bool = False,
+    try_cures_s: float | None = 0.0,
     progress: Progress = lambda done, total: None,
 ) -> BuildReport:
     """Build a catalogue of control points from DEM files.
@@ -514,6 +495,10 @@ def build_catalog(
         True: replace an existing output; with ``resume`` also areas of a run with other inputs.
     keep_going:
         True: leave out areas that fail; the report names them.
+    try_cures_s:
+        Greatest time, seconds, in which changes of the configuration are tried on a part of the region if the catalogue
+        holds no point or keeps less than half of its promise; a warning says what helps, and its price. 0: it only names
+        them. None: as long as the areas took, at most 30.
     progress:
         Called with the number of finished areas and of all.
 
@@ -564,6 +549,7 @@ def build_catalog(
         resume=resume,
         overwrite=overwrite,
         keep_going=keep_going,
+        try_cures_s=try_cures_s,
         progress=progress,
     ).whole()
 

@@ -215,9 +215,11 @@ _MOSTLY = 0.5
 
 
 def better_catalog(catalog: Catalog, image: Image) -> str:
-    """That few of the points in view are usable in an image, why, and the two cheapest catalogues that would have
-    more, each with its work as a multiple of this one's, as the end of a sentence; empty if most are usable, and for
-    an image without a camera's place. The work of a build is proportional to views, Suns and cells.
+    """That few of the points in view are usable in an image, why, and the two cheapest catalogues that may have
+    more, each with its work as a multiple of this one's and the most points that it can add, as the end of a sentence; empty
+    if most are usable, and for an image without a camera's place. The work of a build is proportional to views, Suns and
+    cells. A cause whose points lack a claim is taken away by the claim: at most all of them become usable. What finer cells or
+    brightness do for a claimed point needs another build.
     """
     if image.sensor.corrections != POSE or not len(points_in_view(catalog, image.sensor)):
         return ""
@@ -249,12 +251,25 @@ def better_catalog(catalog: Catalog, image: Image) -> str:
         known["detection "] = (1.0, "an albedo map")
     causes = {name: count for name, count in counts.items() if count}
     priced = sorted(
-        (cost, text) for name, (cost, text) in known.items() if counts[name.strip()] > 0.1 * seen
+        (cost, text, name)
+        for name, (cost, text) in known.items()
+        if counts[name.strip()] > 0.1 * seen
     )
     told = ", ".join(f"{name} {count}" for name, count in causes.items())
-    better = "; ".join(f"{text} at {cost:.2g} times the work" for cost, text in priced[:2])
-    return f"; of {seen} points in view {usable} are usable here (else {told})" + (
-        f": a catalogue that would have more: {better}" if better else ""
+    better = "; ".join(
+        f"{text}, "
+        + (
+            "whose effect only a build can tell,"
+            if name.startswith("detection")
+            else f"for at most {counts[name]} points more,"
+        )
+        + f" at {cost:.2g} times the work"
+        for cost, text, name in priced[:2]
+    )
+    return f"; of {seen} points in view {usable} are usable here (else {told}): " + (
+        f"a catalogue that may have more: {better}"
+        if better
+        else "no other catalogue is known to have more"
     )
 
 

@@ -130,4 +130,5 @@ def test_a_catalogue_for_the_image_is_priced(elevation: float) -> None:
         return
     assert f"; of {seen} points in view 0 are usable here (else sun {seen}): " in text
     price = 1.0 + 1.0 / len(catalog.sun_elevation)
-    assert f"`sun.elevations_deg` with 88 at {price:.2g} times the work" in text
+    more = f"`sun.elevations_deg` with 88, for at most {seen} points more, at {price:.2g} times"
+    assert f"a catalogue that may have more: {more} the work" in text
