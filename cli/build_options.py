@@ -132,6 +132,7 @@ OPTIONS = {
     "points.max_points": Spelling("--max-points", "N"),
     "points.max_bytes": Spelling("--max-bytes", "N"),
     "points.search_m": Spelling("--search", "KM"),
+    "points.passes": Spelling("--passes", "1|2"),
     "model.reflectance": Spelling("--reflectance", None, LAW),
     "model.accuracy": Spelling("--accuracy"),
     "model.tolerance": Spelling("--tolerance", "T"),

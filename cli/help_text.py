@@ -53,7 +53,7 @@ GROUPS = {
     ),
     "Points": (
         *("--spacing", "--located-probability", "--per-view", "--footprint"),
-        *("--max-points", "--max-bytes", "--search"),
+        *("--max-points", "--max-bytes", "--search", "--passes"),
         *("--noise", "--max", "--min-points", "--image-scale"),
     ),
     "What is known before": (

@@ -50,14 +50,16 @@ BUDGETS = {
     # 38 a budget's configuration on more areas; promise and size of every row
     # 18 kernels of files without numba's compiler, OpenCV where it draws
     # 242 cures that are tried on a part of the region
-    "code lines, lcp_catalog": 45204,
+    # 262 builds of two passes
+    "code lines, lcp_catalog": 45466,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
     # 50 budgets of lcp trade, 3 kernels that SPICE refuses, 54 no command silent for 2 s
     # 1 idle threads
     # 13 their option
-    "code lines, cli": 4204,
+    # 1 builds of two passes
+    "code lines, cli": 4205,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -72,7 +74,8 @@ BUDGETS = {
     # 270 the trade of all approximations
     # 250 the trade of all approximations
     # 40 cures that are tried, pace of progress
-    "words of docs": 52550,
+    # 310 builds of two passes
+    "words of docs": 52860,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -1,18 +1,19 @@
 """One area of a build: its terrain, its images, and its candidates with their evaluation.
 
 `run_area` is a pure function of its job and runs in any process. It returns all candidates, usable or
-not: the build chooses among the candidates of all areas.
+not: the build chooses among the candidates of all areas. In a build of two passes it returns all with a first look
+(`first_look`), then some of them, which the build names, with all conditions.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
 
-from ..arrays import Array, Float32, Index, Int16, Mask
+from ..arrays import AnyArray, Array, Float32, Index, Int16, Mask
 from ..constants import MOON_RADIUS_M
 from ..dem.block_cache import CACHES_BYTES, limit_caches
 from ..dem.error_maps import height_errors
@@ -29,8 +30,16 @@ from ..terrain.terrain import Ground, Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import Evaluation, PlaceErrors, evaluate
+from .first_look import first_look
 from .recipe import Recipe
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
+
+FIRST = "a"
+"""The step of the first pass (`AreaJob.step`)."""
+
+SITE = np.dtype([("row", "<i4"), ("column", "<i4"), ("box", "<i4", (2, 2))])
+"""Where a candidate is in the core of its area's terrain; and the least and greatest row, and column, of all candidates
+that are evaluated in the same images."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +51,15 @@ class AreaJob:
     grid: AreaGrid
     caches_mb: float = CACHES_BYTES / 1e6
     """What the process may keep of the DEM's files (`run.caches_mb`)."""
+    step: str = ""
+    """Of a build of two passes: `FIRST`, then a letter for each round of the second (`two_passes`)."""
+    sites: AnyArray | None = field(default=None, compare=False)
+    """(n,) of type `SITE`: the candidates that are evaluated, found before; None: they are looked for."""
+
+    @property
+    def name(self) -> str:
+        """The name of what is kept of it."""
+        return self.task.name + self.step
 
     @property
     def conditions(self) -> Conditions:
@@ -77,6 +95,8 @@ class Candidates:
     evaluation: Evaluation
     albedo: Float32 | None = None
     """(n, p, p) albedo factors of the patches' nodes, all NaN outside the map; None without a map."""
+    sites: AnyArray | None = None
+    """(n,) of type `SITE`."""
 
     def __len__(self) -> int:
         return len(self.lon_deg)
@@ -95,7 +115,10 @@ def run_area(job: AreaJob) -> AreaResult:
     limit_caches(int(job.caches_mb * 1e6))
     sweep = area_sweep(job)
     core = _Core(job, sweep.terrain)
-    rows, cols = _find(sweep, core, job.recipe.config)
+    if job.sites is None:
+        rows, cols = _find(sweep, core, job.recipe.config)
+    else:
+        rows, cols = (job.sites[name].astype(np.int64) for name in ("row", "column"))
     return AreaResult(_evaluated(job, core, sweep, rows, cols), sweep.plan)
 
 
@@ -249,15 +272,35 @@ def _evaluated(job: AreaJob, core: _Core, sweep: Sweep, rows: Index, cols: Index
     at = core.places(rows, cols)
     errors = _place_errors(job.recipe, at, found.product)
     turns = _turns(core.terrain.frame, at, config)
+    sites = _sites(rows, cols, turns) if job.sites is None else job.sites
+    how = first_look if job.step == FIRST else evaluate
     parts = Evaluation.empty(len(rows), len(config.points.scales), sweep.conditions.shape)
     for turn in np.unique(turns):
         group = np.flatnonzero(turns == turn)
-        part, row0, col0 = sweep.around(rows[group], cols[group], core.halo, float(turn))
-        own = evaluate(part, rows[group] - row0, cols[group] - col0, config, errors.rows(group))
+        ends, sides = sites["box"][group[0]].astype(np.int64)
+        part, row0, col0 = sweep.around(ends, sides, core.halo, float(turn))
+        own = how(part, rows[group] - row0, cols[group] - col0, config, errors.rows(group))
         parts.put(group, own)
     return Candidates(
-        at.lon_deg, at.lat_deg, found.elevation_m, found.z_m, found.product, parts, found.albedo
+        at.lon_deg,
+        at.lat_deg,
+        found.elevation_m,
+        found.z_m,
+        found.product,
+        parts,
+        found.albedo,
+        sites,
     )
+
+
+def _sites(rows: Index, cols: Index, turns: Array) -> AnyArray:
+    """The sites of candidates, of which those with the same turn are evaluated together."""
+    sites = np.zeros(len(rows), SITE)
+    sites["row"], sites["column"] = rows, cols
+    for turn in np.unique(turns):
+        group = turns == turn
+        sites["box"][group] = [[at[group].min(), at[group].max()] for at in (rows, cols)]
+    return sites
 
 
 def _place_errors(recipe: Recipe, at: Places, product: Int16) -> PlaceErrors:

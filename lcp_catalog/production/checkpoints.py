@@ -42,8 +42,10 @@ log = logging.getLogger(__name__)
 _ENDING = ".parts"
 _LOCK, _NOTE, _AREA = "run.lock", "run.json", ".area"
 _AREAS = f"r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9]{_AREA}"
-_OF_LEVEL, _LEVEL = f"l[0-9][0-9]{_AREAS}", "level[0-9][0-9].h5"
-"""Names of checkpoints (`region_maps.AreaTask.name`), also of a level, and of the catalogues of levels; other
+_PASSES = _AREAS.replace(_AREA, f"[a-z]{_AREA}")
+_OF_LEVEL, _LEVEL = (f"l[0-9][0-9]{_AREAS}", f"l[0-9][0-9]{_PASSES}"), "level[0-9][0-9].h5"
+_KEPT = _AREAS, _PASSES, *_OF_LEVEL, _LEVEL
+"""Names of checkpoints (`area_job.AreaJob.name`), also of a level, and of the catalogues of levels; other
 files in the folder are the user's.
 """
 
@@ -105,8 +107,7 @@ class Checkpoints:
         try:
             yield
         except BaseException:
-            kept = (_AREAS, _OF_LEVEL, _LEVEL)
-            if not shared and not any(any(self.folder.glob(name)) for name in kept):
+            if not shared and not any(any(self.folder.glob(name)) for name in _KEPT):
                 self.remove()
             raise
         finally:
@@ -299,7 +300,7 @@ class Checkpoints:
 
     def _remove_files(self) -> None:
         """Remove the run's files, also those that a killed process left half-written."""
-        for name in (_NOTE, _AREAS, _OF_LEVEL, _LEVEL):
+        for name in (_NOTE, *_KEPT):
             for file in self.folder.glob(name):
                 file.unlink(missing_ok=True)
             for left in self.folder.glob(f".{name}.*.part"):

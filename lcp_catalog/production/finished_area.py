@@ -52,6 +52,9 @@ TABLE = np.dtype(
 UNIT = 16
 """Factor of the units beside a `Cause` in the bytes of `cell_stages`."""
 
+_WORST = -1e30
+"""Quality of candidates without a usable condition."""
+
 _LEAST_CHANCE = 1e-6
 """Detection probability that stands for 0 in a logarithm."""
 
@@ -84,14 +87,21 @@ def record_type(config: BuildConfig) -> np.dtype[np.void]:
     return np.dtype([("product", "<i2"), *own])
 
 
-def finished_area(result: AreaResult, config: BuildConfig) -> FinishedArea:
-    """The table and the records of an area's candidates."""
+def finished_area(
+    result: AreaResult, config: BuildConfig, *, first_look: bool = False
+) -> FinishedArea:
+    """The table and the records of an area's candidates; of a first look, in place of the records, their sites."""
     candidates = result.candidates
     table = table_of(candidates, config)
+    if first_look:
+        _keep_doubtful(table, candidates.evaluation)
     some = np.flatnonzero(table["worth"])
-    records = np.zeros(len(some), record_type(config))
-    for name, values in _record_columns(candidates, config).items():
-        records[name] = values[some]
+    if first_look and candidates.sites is not None:
+        records = candidates.sites[some]
+    else:
+        records = np.zeros(len(some), record_type(config))
+        for name, values in _record_columns(candidates, config).items():
+            records[name] = values[some]
     table["checksum"][some] = checksums(records)
     stages = cell_stages(candidates, config) if config.points.promised else None
     return FinishedArea(table, records, result.plan, stages)
@@ -108,6 +118,13 @@ def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     table["stage"] = _stages(evaluation, worth >= least)
     table["information"] = np.nan_to_num(_over(_information(evaluation), these, np.nanmean))
     return table
+
+
+def _keep_doubtful(table: AnyArray, evaluation: Evaluation) -> None:
+    """Let candidates that a first look found usable nowhere come last, the likeliest first: they may be so elsewhere."""
+    none = table["worth"] == 0
+    best = np.nan_to_num(evaluation.detection[none, 0]).max(axis=(1, 2, 3), initial=0.0)
+    table["worth"][none], table["quality"][none] = 1, _WORST * (2.0 - best)
 
 
 def _worth(evaluation: Evaluation, config: BuildConfig) -> Index:
@@ -157,7 +174,7 @@ def checksums(records: AnyArray) -> NDArray[np.uint32]:
 def _quality(evaluation: Evaluation, these: Mask) -> Array:
     """Order of candidates with equally many usable conditions: minus the largest sigma."""
     largest = _over(evaluation.sigma_major_m[:, 0], these, np.nanmax)
-    return -np.nan_to_num(largest, nan=np.inf, posinf=1e30)
+    return -np.nan_to_num(largest, nan=np.inf, posinf=-_WORST)
 
 
 def _information(evaluation: Evaluation) -> Array:

@@ -135,6 +135,14 @@ class PointConfig:
         1, "Least number of Suns and views under which a point is usable.", least=1
     )
 
+    passes: int | None = meant(
+        None,
+        "2: a first pass looks at all candidates in few conditions, points are chosen by it, and the chosen alone are "
+        "evaluated in all; what fails is replaced. Less time; a point that the first pass misjudges is missed.",
+        default="1: all candidates are evaluated in all conditions",
+        least=1,
+        most=2,
+    )
     image_scales: int | None = meant(
         None,
         "Greatest number of image scales: the cells, twice as large, four times ...",
@@ -196,6 +204,11 @@ class PointConfig:
         if self.per_view is None and self.spacing_m is None:
             return LOCATED if self.located_probability is None else self.located_probability
         return self.located_probability
+
+    @property
+    def two_passes(self) -> bool:
+        """True if candidates are looked at before the chosen ones are evaluated."""
+        return self.passes == 2
 
     @property
     def promised(self) -> bool:

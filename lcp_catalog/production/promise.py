@@ -288,16 +288,7 @@ class PromiseChoice:
         """Rows of the table of all areas that become points, in the order of their ids, and how the
         promise is kept. ``has_heights``: of the places; ``most``: greatest number of points.
         """
-        pool = self._pool(table)
-        sites = Places(table["lon_deg"][pool], table["lat_deg"][pool])
-        worth = np.concatenate(self._worth)[pool]
-        radius_m = self.places.radius_m
-        first, place = self._nearby.around(sites, radius_m)
-        near = Near(sites, self.places.at, radius_m, first, place)
-        grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
-        cover, happens = moment_cover(near, worth, grid, self.columns)
-        demand = np.where(happens, self._demand(), 0).astype(np.int16)
-        wanted = np.minimum(demand, cover.counts(np.arange(len(pool))))
+        pool, cover, wanted, demand = self._asked(table)
         choice = choose_cover(cover, wanted, most)
         found = cover.counts(choice.chosen)
         complete = bool((found >= wanted).all())
@@ -327,6 +318,24 @@ class PromiseChoice:
         rows = pool[choice.chosen]
         ids = stable_id(table["lon_deg"][rows], table["lat_deg"][rows])
         return rows[np.argsort(ids, kind="stable")], promise
+
+    def rows(self, table: AnyArray, most: int | None) -> Index:
+        """The rows that `choose` chooses, in any order."""
+        pool, cover, wanted, _ = self._asked(table)
+        return pool[choose_cover(cover, wanted, most).chosen]
+
+    def _asked(self, table: AnyArray) -> tuple[Index, Cover, Int16, Int16]:
+        """Rows that can be chosen and what they are worth, what is wanted of them and what is promised, (place, cell)."""
+        pool = self._pool(table)
+        sites = Places(table["lon_deg"][pool], table["lat_deg"][pool])
+        worth = np.concatenate(self._worth)[pool]
+        radius_m = self.places.radius_m
+        first, place = self._nearby.around(sites, radius_m)
+        near = Near(sites, self.places.at, radius_m, first, place)
+        grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
+        cover, happens = moment_cover(near, worth, grid, self.columns)
+        demand = np.where(happens, self._demand(), 0).astype(np.int16)
+        return pool, cover, np.minimum(demand, cover.counts(np.arange(len(pool)))), demand
 
     def _pool(self, table: AnyArray) -> Index:
         """Candidates no two of which are closer than the least distance, those with more information

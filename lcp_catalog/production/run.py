@@ -33,7 +33,7 @@ from ..photometry.facet_model import law_file
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, warn_of_region
 from ..threads import limit_threads
-from .area_job import AreaJob, run_area
+from .area_job import FIRST, AreaJob, run_area
 from .areas import AreaTask, reached
 from .assembly import Assembly
 from .camera_views import Seen, for_images
@@ -47,6 +47,7 @@ from .merging import MergeReport, merge_catalogs
 from .promise import PromiseChoice
 from .recipe import InputFiles, Recipe, cells
 from .sweep import Conditions
+from .two_passes import computed_in_passes
 from .warm_up import compile_kernels, missing
 from .worker_memory import caches_mb, divided
 
@@ -244,7 +245,7 @@ class BuildRun:
         check_output(self.output, self.overwrite, self.build.files)
         with self.checkpoints.locked():
             self.checkpoints.begin(self.resume, self.overwrite)
-            return self.finish(self._compute(self.build.jobs))
+            return self.finish(self._computed())
 
     def part(self, part: BuildPart) -> dict[str, str]:
         """Compute the areas of a part that have no checkpoint yet. Return the causes of those that
@@ -253,6 +254,7 @@ class BuildRun:
         Raises OutputExistsError while a whole build of the output runs, and if the checkpoints there are
         of a build with other inputs; AreaFailedError for an area that fails.
         """
+        self._require_one_pass()
         check_output(self.output, self.overwrite, self.build.files)
         with self.checkpoints.locked(shared=True):
             self.checkpoints.join(part.count)
@@ -262,6 +264,7 @@ class BuildRun:
         """The states of all parts; of one part that is the whole if none has been started.
         OutputExistsError if the checkpoints beside the output are of a build with other inputs.
         """
+        self._require_one_pass()
         self.checkpoints.require_same_run()
         count = self.checkpoints.parts or 1
         parts = [BuildPart(k + 1, count) for k in range(count)]
@@ -277,6 +280,7 @@ class BuildRun:
         AreaFailedError if areas are missing, unless ``keep_going`` leaves them out (they are named in the
         report); OutputExistsError while parts are running.
         """
+        self._require_one_pass()
         check_output(self.output, self.overwrite, self.build.files)
         folder = self.checkpoints.folder
         if not folder.is_dir():
@@ -342,6 +346,20 @@ class BuildRun:
                 Assembly(level.recipe, finished, names).write(output, False, lambda: None)
             return Yield.of(stored_catalog(StoredFile.of(output)))
 
+    def _require_one_pass(self) -> None:
+        """ConfigError for a build of two passes, which cannot be computed in parts: the second needs all of the first."""
+        if self.build.recipe.config.points.two_passes:
+            raise ConfigError("`points.passes` 2 cannot be computed in parts; give 1")
+
+    def _computed(self) -> dict[str, str]:
+        """Compute all areas. Return the causes of those that failed, by name."""
+        if not self.build.recipe.config.points.two_passes or not self._missing(self.build.jobs):
+            return self._compute(self.build.jobs)
+        failed: dict[str, str] = {}
+        for level in self.build.levels:
+            failed |= computed_in_passes(level.recipe, level.jobs, self.checkpoints, self._compute)
+        return failed
+
     def _compute(self, areas: Sequence[AreaJob]) -> dict[str, str]:
         """Compute those of the areas that have no checkpoint. Return the causes of those that failed, by
         name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
@@ -367,7 +385,7 @@ class BuildRun:
                 log.warning("%s", cause)
                 failed[task.name] = cause
             else:
-                self.checkpoints.write(task.name, outcome)
+                self.checkpoints.write(todo[index].name, outcome)
             done += 1
             self.progress(done, len(areas))
         workers = 1 if self.scheduler else max(1, min(self.jobs, len(todo)))
@@ -376,7 +394,7 @@ class BuildRun:
 
     def _missing(self, areas: Sequence[AreaJob]) -> list[AreaJob]:
         """The areas without an undamaged checkpoint."""
-        return [job for job in areas if not self.checkpoints.is_whole(job.task.name)]
+        return [job for job in areas if not self.checkpoints.is_whole(job.name)]
 
 
 def _in_turn(areas: list[AreaJob], parts: int) -> list[AreaJob]:
@@ -390,7 +408,7 @@ def _in_turn(areas: list[AreaJob], parts: int) -> list[AreaJob]:
 
 def _finished_area(job: AreaJob) -> FinishedArea:
     """What is kept of an area; computed where the area is, so that nothing else is sent."""
-    return finished_area(run_area(job), job.recipe.config)
+    return finished_area(run_area(job), job.recipe.config, first_look=job.step == FIRST)
 
 
 def _require_sunlight(tasks: list[AreaTask], config: BuildConfig) -> None:

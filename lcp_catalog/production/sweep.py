@@ -290,6 +290,18 @@ class Sweep:
             sweep._masks.update((azimuth, np.ascontiguousarray(mask)) for azimuth, mask in masks)
         return sweep, row0, col0
 
+    def some(self, view: int, suns: Mask) -> Sweep:
+        """The sweep of one view and of some of the Suns that can occur, (elevation, azimuth)."""
+        own = self.conditions
+        views = {
+            name: getattr(own, name)[view : view + 1]
+            for name in ("off_nadir_deg", "view_azimuth_deg", "view_altitude_km")
+        }
+        sweep = replace(self, conditions=replace(own, **views, reachable=suns))
+        for azimuth, mask in self._masks.items():
+            sweep._masks[azimuth] = mask[suns[own.reachable[:, azimuth], azimuth]]
+        return sweep
+
     def over(self, row: int, col: int, margin: int) -> tuple[Sweep, int, int]:
         """`around` one node of the core, with the cameras of near views over that node."""
         rows, cols = np.array([row]), np.array([col])

@@ -41,6 +41,7 @@ from ..production.executor import children_start, processes
 from ..production.finished_area import table_of
 from ..production.recipe import InputFiles, Recipe
 from ..production.run import Build, BuildRun, Level
+from ..production.two_passes import area_in_passes
 from ..threads import limit_threads
 from .image_errors import CONTRAST, ImageChanges, judge
 from .point_changes import joined, sigma_m
@@ -100,12 +101,13 @@ _ready: list[bool] = []
 def _run(job: AreaJob, usual: AreaJob | None) -> _Run:
     """Compute an area on one thread. ``usual``: the same area under the user's configuration, for the images."""
     with limit_threads(1):
+        run = area_in_passes if job.recipe.config.points.two_passes else run_area
         if not _ready:  # loads kernels and fills caches
-            run_area(job)
+            run(job)
             _ready.append(True)
         restart_peak()
         start = time.process_time()
-        found = run_area(job)
+        found = run(job)
         spent = time.process_time() - start
         images, shifts = _images(job, usual) if usual else (None, np.empty(0))
     return _Run(spent, peak_mb(), found.candidates, images, shifts)

@@ -1,0 +1,219 @@
+"""Builds of two passes against one pass: equal values bit by bit, the choice by complete evaluation, equal bytes."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.small_build import CONFIG, DEM
+
+from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.errors import AreaFailedError, ConfigError
+from lcp_catalog.landmarks.selection import Places, select
+from lcp_catalog.production import run, two_passes
+from lcp_catalog.production.area_job import FIRST, AreaJob, AreaResult, run_area
+from lcp_catalog.production.assembly import spacing_m
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.evaluation import Evaluation
+from lcp_catalog.production.first_look import nearest_suns, straight_down, suns_looked_at
+from lcp_catalog.production.point_config import PointConfig
+from lcp_catalog.production.run import Build, BuildPart, BuildRun
+
+TWO = replace(CONFIG, points=replace(CONFIG.points, passes=2))
+PROMISED = replace(
+    TWO,
+    area=AreaConfig(center_deg=(3.5, 26.0), size_km=40.0, gsd_m=474.0),
+    sun=SunConfig((75.0, 90.0, 105.0, 255.0, 270.0, 285.0), (5.0, 10.0, 20.0)),
+    view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+    points=replace(
+        TWO.points, per_view=3, footprint_km=16.0, candidates_per_cell=12, search_m=4000.0
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def job(plan: Build) -> AreaJob:
+    """The area with most work, whose points have one turn or several."""
+    return max(plan.jobs, key=lambda job: job.work)
+
+
+@pytest.fixture(scope="module")
+def whole(job: AreaJob) -> AreaResult:
+    return run_area(job)
+
+
+def _values(one: Evaluation) -> dict[str, np.ndarray]:
+    return {f.name: getattr(one, f.name) for f in dataclasses.fields(one)}
+
+
+def test_chosen_candidates_have_the_values_of_one_pass(job: AreaJob, whole: AreaResult) -> None:
+    every = whole.candidates
+    assert every.sites is not None
+    assert len(every) >= 4
+    some = np.arange(1, len(every), 2)
+    found = run_area(replace(job, step="b", sites=every.sites[some])).candidates
+    for name, values in _values(found.evaluation).items():
+        np.testing.assert_array_equal(values, _values(every.evaluation)[name][some], name)
+    np.testing.assert_array_equal(found.patch_m, every.patch_m[some])
+    np.testing.assert_array_equal(found.lon_deg, every.lon_deg[some])
+
+
+def test_the_first_pass_has_the_values_of_one_pass_where_it_looks(
+    job: AreaJob, whole: AreaResult
+) -> None:
+    found = run_area(replace(job, step=FIRST)).candidates
+    view, reachable = straight_down(job.conditions), job.conditions.reachable
+    suns = suns_looked_at(reachable)
+    assert 0 < suns.sum() < reachable.sum()
+    every = _values(whole.candidates.evaluation)
+    for name, values in _values(found.evaluation).items():
+        own = np.s_[:, 0, view] if values.ndim == 5 else np.s_[:, view]
+        np.testing.assert_array_equal(values[own][:, suns], every[name][own][:, suns], name)
+        # elsewhere those of a Sun that it looks at, in every view and at every scale
+        if values.ndim == 5:
+            assert np.array_equal(values[:, 0], values[:, -1], equal_nan=True)
+    assert (found.evaluation.condition[..., reachable] > 0).all()
+    assert (found.evaluation.condition[..., ~reachable] == 0).all()
+    np.testing.assert_array_equal(found.lon_deg, whole.candidates.lon_deg)
+
+
+def test_every_sun_is_near_one_that_is_looked_at() -> None:
+    conditions = Build.plan((DEM,), CONFIG).jobs[0].conditions
+    directions = conditions.sun_directions()
+    some, every = suns_looked_at(conditions.reachable), conditions.reachable
+    found = nearest_suns(directions, some, every)
+    flat = directions.reshape(-1, 3)
+    for sun, near in zip(np.flatnonzero(every), found, strict=True):
+        angles = np.arccos(np.clip(flat[some.ravel()] @ flat[sun], -1.0, 1.0))
+        own = np.arccos(np.clip(flat[near] @ flat[sun], -1.0, 1.0))
+        assert own <= angles.min() + 1e-4
+        assert some.ravel()[near]
+    lone = np.zeros((2, 2), bool)
+    lone[0, 1] = True  # no Sun of the chessboard occurs
+    assert (suns_looked_at(lone) == lone).all()
+
+
+def test_every_point_has_the_claims_of_one_pass(built: Path, tmp_path: Path) -> None:
+    """And no point is missing that complete evaluation of the chosen candidates would give."""
+    output = tmp_path / "two.h5"
+    BuildRun(Build.plan((DEM,), TWO), output).whole()
+    assert verify(output) == []
+    ours, theirs = open_catalog(output), open_catalog(built)
+    assert abs(len(ours) - len(theirs)) <= 0.1 * len(theirs) + 1
+    ids = np.asarray(ours.point_id), np.asarray(theirs.point_id)
+    _, here, there = np.intersect1d(*ids, return_indices=True)
+    assert len(here) >= 5
+    for name in ("detection_probability", "sigma_major", "sigma_angle", "condition", "dem"):
+        pair = np.asarray(getattr(ours, name))[here], np.asarray(getattr(theirs, name))[there]
+        np.testing.assert_array_equal(*pair, name)
+    usable = [(np.asarray(one.condition) == 31).sum() for one in (ours, theirs)]
+    assert usable[0] >= 0.8 * usable[1]
+
+
+def test_a_first_look_that_sees_all_chooses_as_one_pass(
+    built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Brute force: with every condition in the first pass the catalogue is that of one pass."""
+
+    def seen(job: AreaJob) -> AreaResult:
+        return run_area(job if job.sites is not None else replace(job, step=""))
+
+    monkeypatch.setattr(run, "run_area", seen)
+    output = tmp_path / "all.h5"
+    BuildRun(Build.plan((DEM,), TWO), output).whole()
+    ours, theirs = open_catalog(output), open_catalog(built)
+    for name in ("point_id", "detection_probability", "condition", "dem", "second_peak"):
+        pair = (np.asarray(getattr(one, name)) for one in (ours, theirs))
+        np.testing.assert_array_equal(*pair, name)
+    np.testing.assert_array_equal(ours.coverage.status, theirs.coverage.status)
+
+
+def test_what_fails_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates that the first pass takes to be usable and that are not leave their place to others near."""
+    plan, rounds = Build.plan((DEM,), TWO), []
+
+    def fails_first(job: AreaJob) -> AreaResult:
+        result = run_area(job)
+        if job.sites is not None:
+            rounds.append(job.step)
+        if job.step == two_passes.ROUNDS[0]:
+            result.candidates.evaluation.condition[...] &= np.uint8(1)
+        return result
+
+    monkeypatch.setattr(run, "run_area", fails_first)
+    output = tmp_path / "replaced.h5"
+    report = BuildRun(plan, output).whole()
+    assert set(rounds) == set(two_passes.ROUNDS)
+    assert report.points > 0
+    assert verify(output) == []
+    catalog = open_catalog(output)
+    places = Places(np.asarray(catalog.longitude), np.asarray(catalog.latitude))
+    count = np.ones(len(catalog), np.int64)
+    apart = select(places, count, count.astype(float), spacing_m(plan.recipe.config))
+    assert len(apart) == len(catalog)
+
+
+@pytest.mark.parametrize("config", [TWO, PROMISED], ids=["spacing", "promise"])
+def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
+    config: BuildConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = Build.plan((DEM,), config)
+    paths = [tmp_path / f"{name}.h5" for name in ("one", "two", "resumed")]
+    BuildRun(plan, paths[0]).whole()
+    BuildRun(plan, paths[1], jobs=2).whole()
+    for stop in (FIRST, two_passes.ROUNDS[0]):
+        begun: list[str] = []
+
+        def breaks(job: AreaJob, stop: str = stop, begun: list[str] = begun) -> AreaResult:
+            begun.append(job.step)
+            if begun.count(stop) == 2:
+                raise RuntimeError("the power went")
+            return run_area(job)
+
+        monkeypatch.setattr(run, "run_area", breaks)
+        with pytest.raises(AreaFailedError, match="the power went"):
+            BuildRun(plan, paths[2], resume=True).whole()
+        assert begun[-1] == stop
+        left = sorted(p.name for p in paths[2].with_name("resumed.h5.parts").glob("*.area"))
+        assert left
+    monkeypatch.setattr(run, "run_area", run_area)
+    BuildRun(plan, paths[2], resume=True).whole()
+    first, *others = (path.read_bytes() for path in paths)
+    assert [other == first for other in others] == [True, True]
+    assert not paths[2].with_name("resumed.h5.parts").exists()
+
+
+def test_a_promise_of_two_passes_is_kept_by_its_points(tmp_path: Path) -> None:
+    """The file's own checks count the units of the points near each place."""
+    outputs = []
+    for passes in (1, 2):
+        outputs.append(tmp_path / f"{passes}.h5")
+        config = replace(PROMISED, points=replace(PROMISED.points, passes=passes))
+        BuildRun(Build.plan((DEM,), config), outputs[-1]).whole()
+        assert verify(outputs[-1]) == []
+    one, two = (open_catalog(path).promise for path in outputs)
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(one.demand, two.demand)
+    kept = [(np.asarray(p.cause) == 0).sum() for p in (one, two)]
+    assert kept[1] >= 0.95 * kept[0]
+
+
+def test_parts_are_refused_in_one_line(tmp_path: Path) -> None:
+    build = BuildRun(Build.plan((DEM,), TWO), tmp_path / "x.h5")
+    for attempt in (lambda: build.part(BuildPart(1, 2)), build.list_parts, build.merge):
+        with pytest.raises(
+            ConfigError, match=r"`points\.passes` 2 cannot be computed in parts"
+        ) as e:
+            attempt()
+        assert "\n" not in str(e.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("passes", [0, 3])
+def test_other_numbers_of_passes_are_refused(passes: int) -> None:
+    with pytest.raises(ConfigError, match="passes"):
+        PointConfig(passes=passes)
