@@ -47,9 +47,12 @@ class InputFile(click.Path):
 
     def inputs(self, value: str) -> Iterator[Path]:
         """Every file that is read for a value of the option."""
-        yield Path(value)
-        if self.others is not None and os.path.isfile(value):
-            yield from self.others(value)
+        from lcp_catalog.remote_files import archive_of, url_of
+
+        if url_of(value) is None:
+            yield archive_of(value) or Path(value)
+            if self.others is not None and os.path.isfile(value):
+                yield from self.others(value)
 
 
 class OutputFile(click.Path):
@@ -268,8 +271,7 @@ def config_files(path: str) -> Iterator[Path]:
     except LcpError:
         return
     for file in named:
-        yield file
-        yield from raster_files(str(file))
+        yield from RASTER.inputs(str(file))
 
 
 RASTER = InputFile(raster_files)

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from .errors import OutputError, OutputExistsError, printable, unread
+from .remote_files import archive_of, server_state, url_of
 
 try:
     import fcntl
@@ -304,16 +305,30 @@ def write_folder(folder: Path, texts: Mapping[str, str], overwrite: bool = False
 
 
 def file_facts(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """Names (without folders), sizes and SHA-256 sums of files, for the provenance of a result."""
-    found = [(path, os.stat(path)) for path in paths]
-    return [
-        {
-            "name": printable(path.name),
-            "size": stat.st_size,
-            "sha256": _sha256(str(path), file_state(stat)),
-        }
-        for path, stat in found
-    ]
+    """Names (without folders), sizes and SHA-256 sums of files, for the provenance of a result; of a file on a
+    server its ETag in place of the sum.
+    """
+    return [_facts(path) for path in paths]
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    name = printable(path.name)
+    if (url := url_of(path)) is not None:
+        size, tag = server_state(url)
+        return {"name": name, "size": size, "etag": printable(tag)}
+    stat = os.stat(path)
+    return {"name": name, "size": stat.st_size, "sha256": _sha256(str(path), file_state(stat))}
+
+
+def content_of(facts: Mapping[str, Any]) -> str:
+    """What tells the content of one of the `file_facts` from another: its sum, or its ETag."""
+    return str(facts.get("sha256") or f"{facts['size']} {facts['etag']}")
+
+
+def state_of(path: Path) -> tuple[int | str, ...]:
+    """`file_state` of a file, or of the archive that it lies in; of one on a server, which is asked, size and ETag."""
+    url = url_of(path)
+    return file_state(os.stat(archive_of(path) or path)) if url is None else server_state(url)
 
 
 def file_state(facts: os.stat_result) -> tuple[int, ...]:

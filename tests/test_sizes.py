@@ -51,7 +51,8 @@ BUDGETS = {
     # 18 kernels of files without numba's compiler, OpenCV where it draws
     # 242 cures that are tried on a part of the region
     # 262 builds of two passes
-    "code lines, lcp_catalog": 45466,
+    # 104 files on a server and in archives, which the user names
+    "code lines, lcp_catalog": 45570,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -59,7 +60,8 @@ BUDGETS = {
     # 1 idle threads
     # 13 their option
     # 1 builds of two passes
-    "code lines, cli": 4205,
+    # 1 files on a server
+    "code lines, cli": 4206,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -75,7 +77,8 @@ BUDGETS = {
     # 250 the trade of all approximations
     # 40 cures that are tried, pace of progress
     # 310 builds of two passes
-    "words of docs": 52860,
+    # 86 files on a server
+    "words of docs": 52946,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

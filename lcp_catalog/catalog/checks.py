@@ -222,11 +222,12 @@ def _inside(value: Any) -> Iterable[Any]:
 
 
 def _sources_problem(found: Any) -> str:
-    """Files are a list of objects with name, size and sha256."""
+    """Files are a list of objects with name, size and sha256, or etag."""
     for source in found if isinstance(found, list) else (None,):
         if not (
             isinstance(source, dict)
-            and all(_is_name(source.get(name)) for name in ("name", "sha256"))
+            and _is_name(source.get("name"))
+            and _is_name(source.get("sha256", source.get("etag")))
             and _is_number(source.get("size"))
         ):
             return "is not a list of files with name, size and sha256"

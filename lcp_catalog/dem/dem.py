@@ -14,6 +14,7 @@ from ..constants import MOON_RADIUS_M
 from ..errors import DemError, LabelError, LcpError
 from ..pds.label import Label
 from ..pds.label_files import find_image, product_label
+from ..remote_files import archive_of, url_of
 from .effective_resolution import Resolution, of_file
 from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
@@ -39,6 +40,8 @@ class Dem(Gridded):
         """
         path = Path(path)
         require_file(path, "a DEM")
+        if url_of(path) is not None or archive_of(path) is not None:
+            return cls._from_gdal(path)
         try:
             label = product_label(path)
         except LabelError:

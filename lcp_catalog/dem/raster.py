@@ -30,6 +30,7 @@ from rasterio.windows import Window
 from ..arrays import Float32
 from ..atomic_files import file_state
 from ..errors import DemError, LabelError
+from ..remote_files import archive_of, first_state, gdal_name, url_of
 from .grid import Grid
 from .raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster, opened
 
@@ -74,7 +75,7 @@ class Gridded:
     @property
     def identity(self) -> Hashable:
         """Key of the values for caches; it changes when a file is written again."""
-        return tuple((str(file), *file_state(file.stat())) for file in self.files)
+        return tuple((str(file), *_state(file)) for file in self.files)
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Values of a window that may reach beyond the raster: NaN there, except where the product
@@ -319,7 +320,7 @@ def unit_m(dataset: Any) -> float:
 
 def require_file(path: Path, kind: str) -> None:
     """DemError for a path that is no file; ``kind``: what it should be."""
-    if not path.is_file():
+    if url_of(path) is None and not (archive_of(path) or path).is_file():
         raise DemError(
             f"{path}: {f'is a folder, not {kind}' if path.is_dir() else 'there is no such file'}"
         )
@@ -331,15 +332,20 @@ def _dataset(path: Path, fresh: Any = None) -> Any:
     """
     if getattr(_local, "pid", None) != os.getpid():
         _local.pid, _local.files = os.getpid(), OrderedDict()
-    files: OrderedDict[tuple[str, int, int], Any] = _local.files
-    stat = os.stat(path)
-    key = (str(path), stat.st_mtime_ns, stat.st_size)
+    files: OrderedDict[tuple[int | str, ...], Any] = _local.files
+    key = (str(path), *_state(path))
     if fresh is not None or key not in files:
-        files[key] = opened(str(path), "a raster") if fresh is None else fresh
+        files[key] = opened(gdal_name(path), "a raster") if fresh is None else fresh
         if len(files) > _OPEN_FILES:
             files.popitem(last=False)[1].close()
     files.move_to_end(key)
     return files[key]
+
+
+def _state(path: Path) -> tuple[int | str, ...]:
+    """What changes with the content of a file; one on a server is asked once."""
+    url = url_of(path)
+    return file_state(os.stat(archive_of(path) or path)) if url is None else first_state(url)
 
 
 def limit_gdal_cache(size_bytes: int) -> None:

@@ -26,6 +26,7 @@ from rasterio.io import DatasetReader
 
 from ..errors import DemError
 from ..file_kinds import other_kind
+from ..remote_files import first_state, gdal_name, server_state, url_of
 
 DRIVERS = (
     *("GTiff", "VRT", "JP2OpenJPEG", "PDS", "PDS4", "ISIS3", "ISIS2", "VICAR", "HFA", "ENVI"),
@@ -60,7 +61,12 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
     DemError if it is no raster of a known format (`DRIVERS`); if a file that it names is missing, no
     plain file, or not on this machine; if a block of it is beyond reason.
     """
-    todo, seen, files = [_Named(str(path), path)], {str(path)}, dict[Path, None]()
+    if (url := url_of(path)) is not None:
+        if first_state(url) != server_state(url):  # GDAL keeps parts of it by its URL
+            raise DemError(f"{url}: has changed since this process first read it; start again")
+        return opened(str(path), kind), (path,)
+    name = gdal_name(path)
+    todo, seen, files = [_Named(name, path)], {name}, dict[Path, None]()
     with _offline():
         for one in todo:  # which grows
             file = one.file()
@@ -75,19 +81,25 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
             if one is not todo[0] and one.is_raster and xml is None:
                 with opened(one.name, f"a raster (named by {one.by})") as dataset:
                     _add(files, dataset)
-        dataset = opened(str(path), kind)
+        dataset = opened(name, kind)
         _add(files, dataset)
     return dataset, tuple(files)
 
 
 def opened(name: str, kind: str) -> Any:
-    """A file opened by GDAL without a look at what it names; DemError as `open_raster`."""
+    """A file opened by GDAL without a look at what it names; DemError as `open_raster`. Of files on a server only
+    GeoTIFFs are read, which name no other.
+    """
+    url, drivers = url_of(name), list(DRIVERS)
+    if url is not None:
+        first_state(url)
+        name, drivers = url, ["GTiff"]  # the URL in messages
     try:
-        with warnings.catch_warnings(), _offline():
+        with warnings.catch_warnings(), _offline() if url is None else _online(url):
             warnings.simplefilter(
                 "ignore", NotGeoreferencedWarning
             )  # said where the grid is needed
-            dataset = DatasetReader(name, driver=list(DRIVERS))
+            dataset = DatasetReader(f"/vsicurl/{url}" if url else name, driver=drivers)
     except UNREADABLE as error:
         other = other_kind(name, kind, raster=True)
         why = other or f"not {kind} that can be read here ({cause_of(error)})"
@@ -104,6 +116,16 @@ def opened(name: str, kind: str) -> Any:
 def _offline() -> rasterio.Env:
     """An environment of GDAL, with its drivers, that asks no server."""
     return rasterio.Env.from_defaults(CPL_VSIL_CURL_ALLOWED_FILENAME="none")
+
+
+def _online(url: str) -> rasterio.Env:
+    """An environment of GDAL that asks for parts of one file of a server."""
+    return rasterio.Env.from_defaults(
+        CPL_VSIL_CURL_ALLOWED_FILENAME=f"/vsicurl/{url}",
+        GDAL_DISABLE_READDIR_ON_OPEN="EMPTY_DIR",
+        GDAL_HTTP_TIMEOUT="30",
+        GDAL_HTTP_MAX_RETRY="3",
+    )
 
 
 class _Signalled(logging.Filter):

@@ -13,7 +13,6 @@ import gc
 import io
 import json
 import logging
-import os
 import pickle
 import platform
 from collections import deque
@@ -24,8 +23,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .._version import __version__
-from ..atomic_files import file_facts
+from ..atomic_files import content_of, file_facts
 from ..errors import ClusterError, ConfigError
+from ..remote_files import absolute
 from ..threads import limit_threads
 from .code_facts import code_facts, differences
 
@@ -93,7 +93,7 @@ class Expected:
     def here(cls, inputs: Sequence[Path]) -> Expected:
         """What this process has."""
         facts = zip(inputs, file_facts(inputs), strict=True)
-        files = {os.path.abspath(path): found["sha256"] for path, found in facts}
+        files = {absolute(path): content_of(found) for path, found in facts}
         return cls(code_facts(), files)
 
     def difference(self) -> str | None:
@@ -105,7 +105,7 @@ class Expected:
                 (found,) = file_facts([Path(name)])
             except OSError as error:
                 return f"{name}: {error.strerror or error}"
-            if found["sha256"] != wanted:
+            if content_of(found) != wanted:
                 return f"{name}: has other content than the file that `lcp` was given"
         return None
 
@@ -143,7 +143,7 @@ class _AbsolutePaths(pickle.Pickler):
 
     def reducer_override(self, value: Any) -> Any:
         if isinstance(value, Path):
-            return type(value), (os.path.abspath(value),)
+            return type(value), (absolute(value),)
         return NotImplemented
 
 

@@ -30,6 +30,7 @@ from ..choices import (
 from ..errors import ConfigError, plain, unread
 from ..fields import check_fields, meanings, meant, require
 from ..photometry.moon_map import map_file
+from ..remote_files import beside
 from ..toml_files import dataclass_of, parse_toml
 from .error_config import ErrorConfig
 from .point_config import PointConfig
@@ -224,7 +225,7 @@ class DemConfig:
 
     def beside(self, folder: Path) -> DemConfig:
         """The same with file names relative to a folder resolved; absolute names stay."""
-        return self._with_maps(lambda name: str(folder / name))
+        return self._with_maps(lambda name: beside(folder, name))
 
     @property
     def portable(self) -> DemConfig:
@@ -451,7 +452,7 @@ class ModelConfig:
     def beside(self, folder: Path) -> ModelConfig:
         """The same with file names relative to a folder resolved; absolute names stay."""
         own = self.albedo not in (MOON_MAP, NO_MAP)
-        albedo = str(folder / self.albedo) if own else self.albedo
+        albedo = beside(folder, self.albedo) if own else self.albedo
         law, _, which = self.reflectance.partition(":")
         if law == "facet" and which.lower().endswith(".toml"):
             law = f"{law}:{folder / which}"

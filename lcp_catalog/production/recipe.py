@@ -6,7 +6,6 @@ The files that a build reads, which must stay the same while it runs.
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..atomic_files import file_facts, file_state
+from ..atomic_files import content_of, file_facts, state_of
 from ..dem.error_maps import ErrorMaps, height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError
@@ -34,7 +33,7 @@ class InputFiles:
     """
 
     def __init__(self) -> None:
-        self._stamps: dict[Path, tuple[int, ...]] = {}
+        self._stamps: dict[Path, tuple[int | str, ...]] = {}
         self._sums: dict[Path, str] = {}
 
     def add(self, paths: Iterable[Path]) -> None:
@@ -60,16 +59,16 @@ class InputFiles:
                 self._stamps[path] = now
 
 
-def _stamp(path: Path) -> tuple[int, ...]:
+def _stamp(path: Path) -> tuple[int | str, ...]:
     try:
-        return file_state(os.stat(path))
+        return state_of(path)
     except OSError as error:
         raise _changed(path) from error
 
 
 def _sum(path: Path) -> str:
     try:
-        return str(file_facts([path])[0]["sha256"])
+        return content_of(file_facts([path])[0])
     except OSError as error:
         raise _changed(path) from error
 
