@@ -133,8 +133,8 @@ def _searches(config: Any) -> Values:
 
 def _directions(config: Any) -> Values:
     found = _numbers("model.direction_tolerance_deg", 2.0, 0.5)(config)
-    own = {"own Sun to 7.5 deg": {"model.own_sun_deg": 7.5}}
-    return found | ({} if config.model.own_sun_deg else own)
+    deg = 0.0 if config.model.precision.own_sun_deg else 15.0
+    return found | {f"own Sun to {deg:g} deg": {"model.own_sun_deg": deg}}
 
 
 def _scales(config: Any) -> Values:
@@ -164,9 +164,9 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "one direction per area",
-        "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5)",
+        "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5); no `unshadowed` flag up to 15 deg in `high` and `reference`",
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
-        effects=("one direction per area",), constants=("production.patch_light.OWN_SUN_DOUBT",), expected=0.01,
+        effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT",), expected=0.01,
     ),
     Approximation(
         "parallel or near views",

@@ -17,6 +17,7 @@ import base64
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +97,7 @@ class Tally:
         return self.right / max(1, self.count if self.tried is None else self.tried)
 
     def __str__(self) -> str:
-        of = f"{self.right} of {self.count}"
+        of = f"{self.right}/{self.count}"
         return of if self.located == "no" else f"**{of}**" if self.located == "yes" else f"{of} !"
 
 
@@ -213,7 +214,7 @@ def photograph(data: Path, folder: Path, some: dict[str, Matcher]) -> Iterator[t
         yield name, row, pictures(signal, render)[1]
 
 
-def two_photographs(data: Path, some: dict[str, Matcher]) -> Row:
+def two_photographs(data: Path, some: dict[str, Matcher]) -> Iterator[tuple[str, Row, Picture]]:
     """Two photographs of one ground on the grid of the DEM, where both show it."""
     paths = [data / "images" / HADLEY / f"{name}_image_on_dem_grid.tif" for name in (PHOTO, OTHER)]
     files = [rasterio.open(path) for path in paths]
@@ -224,7 +225,8 @@ def two_photographs(data: Path, some: dict[str, Matcher]) -> Row:
         values = file.read(1, window=file.window(west, south, east, north).round()).astype(float)
         cuts.append(np.where(values == file.nodata, np.nan, values))
         file.close()
-    return compared(cuts[0], cuts[1], some)
+    row = compared(cuts[0], cuts[1], some)
+    yield f"{PHOTO} and {OTHER}", row, pictures(*cuts)[0]
 
 
 def five_suns(data: Path, folder: Path, some: dict[str, Matcher]) -> Iterator[tuple[str, Row, Picture]]:  # fmt: skip
@@ -278,7 +280,7 @@ def scene_table(scene: Scene) -> str:
         searched = []
         if (own := row.get(OURS)) and own.tried:
             right, count = own.usable
-            searched = [f"{own.right / own.tried:.3f} ({own.stated:.3f})", f"{right} of {count}"]
+            searched = [f"{own.right / own.tried:.2f} ({own.stated:.2f})", f"{right}/{count}"]
         rows.append([sun, *(str(row[name]) for name in names), *searched])
     more = ["share of points searched (stated)", "right of usable"] if OURS in names else []
     return table(["Sun", *names, *more], rows)
@@ -331,8 +333,8 @@ def picture(panels: Sequence[tuple[Markup, Thumbs]], names: Sequence[str]) -> st
             parts.append(
                 f'<image x="{x:.0f}" y="28" width="{THUMB_PX}" height="{THUMB_PX}" href="data:image/jpeg;base64,{code.decode()}"/>'
             )
-    for k, name in enumerate(names):
-        x = 56 + 158 * k
+    starts = accumulate((66 + 7 * len(name) for name in names), initial=56)
+    for k, (x, name) in enumerate(zip(starts, names, strict=False)):
         parts.append(f'<path class="m{k}" stroke-width="3" d="M{x} 516h24"/><text x="{x + 30}" y="520">{name}</text>')  # fmt: skip
     x, box = 56, f'viewBox="0 0 {wide * len(panels)} {high}"'
     parts.append(
@@ -356,13 +358,13 @@ def main(words: Sequence[str]) -> int:
     some = {name: match for name, match in every.items() if match}
     turned, shown = kept(folder, "photograph", photograph(asked.data, catalogues, some))
     suns, seen = kept(folder, "five Suns", five_suns(asked.data, folder, some))
-    pair = {f"{PHOTO} and {OTHER}": two_photographs(asked.data, some)}
+    pair, _ = kept(folder, "two photographs", two_photographs(asked.data, some))
     missing = [f"Not installed, not run: {name}." for name, match in every.items() if not match]
     text = "\n\n".join([*missing, scene_table(turned), scene_table(pair), scene_table(suns)])
     (asked.output / "survival.md").write_text(text + "\n", encoding="utf-8")
     names = [name for name in (*every, OURS) if name in suns[MAP]]
     azimuths = dict(list(turned.items())[: len(TURNS_DEG)])
-    ticks = [f"{t}°" for t in TURNS_DEG], list(suns)
+    ticks = [f"{t}°" for t in TURNS_DEG], ("am 10°", "am 30°", "noon", "pm 30°", "pm 10°")
     drawn = [
         panel(azimuths, names, ticks[0], f"{PHOTO}, Sun 14°, against renders", BELOW[0]),
         panel(suns, names, ticks[1], f"Simulated frames, map of one Sun ({MAP}°)", BELOW[1]),

@@ -414,7 +414,7 @@ class ModelConfig:
         None,
         "Elevations of the Sun up to which a point that shadows from outside nearly disturb too much is judged under its "
         "own Sun, not that of the area's centre.",
-        default="0: never",
+        default="that of the tier: 0 (never) in draft and standard, 15 in high and reference",
         least=0.0,
         most=90.0,
     )
@@ -445,9 +445,9 @@ class ModelConfig:
     def precision(self) -> Accuracy:
         """The accuracy of the tier or the tolerance."""
         found = accuracy(self.accuracy, self.tolerance)
-        if self.whole_search is None:
-            return found
-        return dataclasses.replace(found, whole_search=self.whole_search)
+        own = {name: getattr(self, name) for name in ("whole_search", "own_sun_deg")}
+        given = {name: value for name, value in own.items() if value is not None}
+        return dataclasses.replace(found, **given)
 
     def beside(self, folder: Path) -> ModelConfig:
         """The same with file names relative to a folder resolved; absolute names stay."""

@@ -38,7 +38,7 @@ class PatchLight:
     @classmethod
     def of(cls, sweep: Sweep, rows: Index, cols: Index, config: BuildConfig) -> PatchLight:
         """The patches of a configuration."""
-        points, own = config.points, config.model.own_sun_deg or 0.0
+        points, own = config.points, config.model.precision.own_sun_deg
         return cls(sweep, rows, cols, points.half, points.max_dependence, own)
 
     @cached_property

@@ -179,7 +179,9 @@ def plan_area(
         lowest=True,
         disc=config.model.sun == SUN_SHAPES[1],
     )
-    own = decisions.of_a_build(config.model.direction_tolerance_deg)
+    own = decisions.of_a_build(
+        config.model.direction_tolerance_deg, config.model.precision.own_sun_deg
+    )
     angle_rad = max(view_angles_rad(config))
     return replace(
         plan,

@@ -462,12 +462,16 @@ def bounced_light(
     return Decision(SCATTERED, True, reason, rms * sample.greatest, SCATTERED_UNIT)
 
 
-def of_a_build(direction_tolerance_deg: float) -> tuple[Decision, ...]:
+def of_a_build(direction_tolerance_deg: float, own_sun_deg: float) -> tuple[Decision, ...]:
     """Decisions that only a build has."""
     turned = (
         "Sun and view are those of the area's centre, turned to the point's own north in steps of "
         "twice the tolerance"
     )
+    if own_sun_deg:
+        turned += (
+            f"; up to {own_sun_deg:g} deg points near the limit of dependence have their own Sun"
+        )
     tolerance_deg = direction_tolerance_deg
     return (
         Decision(

@@ -71,7 +71,7 @@ RULES = (
 
 HELD_EQUAL = (
     "Equal in every tier: the Sun is a point source, each view a bundle of parallel rays, and one Sun direction "
-    "serves a group of points. Different: shadows and occlusion, in the images and in the test of a patch's independence; and the search for places "
+    "serves a group of points (but for points near the limit of dependence in high and reference). Different: shadows and occlusion, in the images and in the test of a patch's independence; and the search for places "
     "that resemble a patch, which begins at half resolution in draft and standard."
 )
 

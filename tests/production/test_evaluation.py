@@ -358,6 +358,12 @@ def test_a_doubtful_point_may_be_judged_under_its_own_sun() -> None:
             again, differs = again + 1, differs + (found[k] != given[k])
         calm = (given < 0.05) | (given > 0.2)
         np.testing.assert_array_equal(found[calm], given[calm])
+        tiers = {
+            tier: PatchLight.of(sweep, rows, cols, config.replaced({"model.accuracy": tier}))
+            for tier in ("standard", "high")
+        }
+        for tier, wanted in (("standard", given), ("high", found)):
+            np.testing.assert_array_equal(tiers[tier].shadow_dependence(0, azimuth)[0], wanted)
         high = (light.shadow_dependence(1, azimuth)[0] for light in (area, own))
         np.testing.assert_array_equal(*high)
     assert again > 20
