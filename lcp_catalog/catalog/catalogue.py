@@ -221,7 +221,10 @@ class Catalog(CatalogParts):
         )
 
     def _repr_html_(self) -> str:
-        """A short table for a notebook: counts, region and the usable share by Sun, which reads the conditions."""
+        """For a notebook a short table, counts, region and the usable share by Sun (which reads the conditions), and a small
+        map; below 60 kB.
+        """
+        from .notebook import small_map
         from .summary import summary, summary_rows
 
         found = summary(self)
@@ -233,7 +236,7 @@ class Catalog(CatalogParts):
             for row in found["usable_by_sun_elevation"]
         ]
         cells = (f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
-        return f"<table>{''.join(cells)}</table>"
+        return f"<table>{''.join(cells)}</table>{small_map(self)}"
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """The figures of each point, as `[i]` gives them; the columns are read once."""

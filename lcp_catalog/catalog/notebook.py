@@ -14,7 +14,7 @@ from ..cameras.view import ParallelView
 from ..errors import CatalogError, package
 from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import direction_enu
-from ..plots.pictures import new_axis
+from ..plots.pictures import data_uri, new_axis, shrunk
 from ..rendering.renderer import render_enu
 from .catalogue import Catalog, attributes
 from .charts import hillshade
@@ -116,3 +116,36 @@ def _patch(catalog: Catalog, row: int, ax: Any, sun: tuple[float, float] | None,
     shot.plot(ax)
     ax.set(title=f"{catalog.point_id[row]}, Sun at {azimuth:g}, {elevation:g} deg")
     return ax
+
+
+_MAP_NODES, _MAP_POINTS, _MAP_PX = 25_000, 400, 320
+"""Nodes and points of a small map, at most, and its width."""
+
+
+def small_map(catalog: Catalog) -> str:
+    """The overview's relief, lit from the north-west, with the points (an even choice of many), as an SVG."""
+    view = catalog.overview
+    rows, columns = np.shape(view.height)
+    if min(rows, columns) < 2:
+        return ""
+    x, y = np.asarray(view.x), np.asarray(view.y)
+    step = np.array([x[-1] - x[0], y[0] - y[-1]]) / (columns - 1, rows - 1)
+    width, high = step * (columns, rows)
+    height = shrunk(view.height, _MAP_NODES)
+    scale = _MAP_PX / width
+    chosen = np.unique(np.linspace(0, len(catalog) - 1, min(len(catalog), _MAP_POINTS)).astype(int))
+    east, north = view.plane.places(catalog.part("position_mcmf", chosen))
+    marks = "".join(
+        f'<circle cx="{px:.0f}" cy="{py:.0f}" r="3"/>'
+        for px, py in zip(
+            (east - x[0] + step[0] / 2) * scale,
+            (y[0] + step[1] / 2 - north) * scale,
+            strict=True,
+        )
+    )
+    size = f'width="{_MAP_PX}" height="{high * scale:.0f}"'
+    picture = data_uri(hillshade(height, width / height.shape[1]))
+    return (
+        f'<svg {size} role="img" aria-label="map of {len(catalog)} points"><image href="{picture}" {size} '
+        f'preserveAspectRatio="none"/><g fill="#e66101" stroke="#000">{marks}</g></svg>'
+    )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import datetime as dt
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +43,28 @@ def test_texts_are_short(catalog: lcp.Catalog) -> None:
     assert text.count("<tr>") == text.count("</tr>") > 10
     assert "<td>20</td>" in text
     assert "Sun at" in text
+
+
+def test_the_map_in_a_notebook_shows_relief_and_points(catalog: lcp.Catalog) -> None:
+    """Each point has its mark where the plane of the overview has it; the whole text stays below 60 kB, also with many
+    points and a large relief.
+    """
+    text = catalog._repr_html_()
+    view = catalog.overview
+    left, top = view.x[0], view.y[0]
+    scale = 320.0 / (view.x[-1] - left) * (len(view.x) - 1) / len(view.x)
+    half = (view.x[1] - left) / 2.0
+    x, y = view.plane.places(catalog.position_mcmf)
+    marks = np.array(re.findall(r'<circle cx="(-?\d+)" cy="(-?\d+)"', text), dtype=float)
+    assert len(marks) == len(catalog) == 20
+    np.testing.assert_allclose(marks[:, 0], (x - left + half) * scale, atol=0.51)
+    np.testing.assert_allclose(marks[:, 1], (top + half - y) * scale, atol=0.51)
+    assert text.count('<image href="data:image/png;base64,') == 1
+    many = catalogs.catalog(900)
+    rough = np.random.default_rng(1).normal(0.0, 50.0, (700, 700)).astype(np.float32)
+    wide = np.arange(700.0) * 100.0 - 34_950.0
+    overview = replace(many.overview, height=rough, x=wide, y=wide[::-1])
+    assert len(replace(many, overview=overview)._repr_html_()) < 60_000
 
 
 def test_results_have_short_texts_with_plain_numbers() -> None:
