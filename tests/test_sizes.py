@@ -53,7 +53,7 @@ BUDGETS = {
     # 104 files on a server and in archives, which the user names
     # 38 a budget's configuration on more areas; promise and size of every row; 11 own Suns of tiers
     # 242 cures that are tried on a part of the region, 34 a map of a catalogue in a notebook
-    "code lines, lcp_catalog": 45609,
+    "code lines, lcp_catalog": 45632,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights

@@ -206,6 +206,11 @@ class SpiceCamera:
         labels = instants([start, stop]).labels()
         with loaded(self.kernels) as spice:
             there = OpenInstrument(spice, self)
+            if (rows := there.numbers("PIXEL_LINES")) and rows[0] > 1.0:
+                raise CameraError(
+                    f"{self.instrument} has {rows[0]:g} lines (PIXEL_LINES), so it is no line scanner: take a framing camera's "
+                    "image by `time`, and of a push-frame camera the ISD of ALE; a line of such a detector by `ik` PIXEL_LINES=1"
+                )
             first, last = map(there.time, labels)
             lines = round((last - first) / line_s) if line_s > 0.0 else 0
             if not 1 <= lines <= 1_000_000:
@@ -237,7 +242,12 @@ def _moon_frame(spice: Any, asked: str | None) -> str:
     """Name of the Moon's frame in the loaded kernels."""
     names = MEAN_EARTH if asked is None else (asked,)
     for name in names:
-        if spice.namfrm(name):
+        if number := spice.namfrm(name):
+            if (centre := int(spice.frinfo(number)[0])) != 301:
+                raise CameraError(
+                    f"`body_frame` {name} is a frame of body {centre}, not of the Moon (301), so it does not turn with it: leave "
+                    f"it out, or give {MEAN_EARTH[0]} or IAU_MOON"
+                )
             return name
     raise CameraError(
         f"the kernels lack the Moon's frame {names[0]}: load NAIF's moon_de440_250416.tf and moon_pa_de440_200625.bpc"

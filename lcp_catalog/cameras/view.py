@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +21,8 @@ from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from .frame_camera import FARTHEST_M, Camera
 from .scanners import Scanner
 from .sensor import Sensor, pixel_size_m
+
+log = logging.getLogger(__name__)
 
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -283,6 +286,7 @@ def pointed_camera(
         raise CameraError(f"{name}: the elevation is not within -90..90, or no number")
     if not 0.0 < altitude_m <= FARTHEST_M:
         raise CameraError(f"{name}: the altitude is not within 0..{FARTHEST_M / 1e3:g} km")
+    _warn_of_radians(name, altitude_m, azimuth_deg, elevation_deg)
     frame = EnuFrame(place_deg[0], place_deg[1])
     ahead = direction_enu(azimuth_deg, elevation_deg)
     right = direction_enu(azimuth_deg + 90.0, 0.0)
@@ -404,3 +408,16 @@ def _limb(sensor: Sensor, position: Array, samples: int) -> Array:
     ring = math.sqrt(1 - level**2) * (np.cos(turn) * first + np.sin(turn) * second)
     limb = MOON_RADIUS_M * (level * axis + ring)
     return np.asarray(limb[sensor.in_image(sensor.project(limb))])
+
+
+def _warn_of_radians(
+    name: str, altitude_m: float, azimuth_deg: float, elevation_deg: float
+) -> None:
+    """Log a warning of a direction above the limb whose numbers are those of one towards the ground in radians."""
+    limb_deg = -math.degrees(math.acos(MOON_RADIUS_M / (MOON_RADIUS_M + altitude_m)))
+    meant = math.degrees(azimuth_deg), math.degrees(elevation_deg)
+    if limb_deg < elevation_deg and -90.5 < meant[1] < limb_deg and abs(meant[0]) < 360.5:
+        log.warning(
+            "%s: that is above the limb (%.2f deg); in radians these numbers were azimuth %.4g, elevation %.4g deg: give degrees",
+            *(name, limb_deg, *meant),
+        )

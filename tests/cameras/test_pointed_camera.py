@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,20 @@ def test_rows_are_level_and_the_axis_has_its_angles(elevation):
 def test_refused_values(altitude_m, look, fov, says):
     with pytest.raises(CameraError, match=says):
         pointed_camera(PLACE, altitude_m, look, fov, SIZE)
+
+
+def test_a_direction_in_radians_is_doubted(caplog: pytest.LogCaptureFixture) -> None:
+    """From 100 km the limb is 19 deg below the horizontal; what looks lower, or is no direction in radians, is not doubted."""
+
+    def said(azimuth: float, elevation: float) -> str:
+        caplog.clear()
+        pointed_camera((3.5, 26.0), 100e3, (azimuth, elevation), 45.0, (64, 64))
+        return caplog.text
+
+    text = said(math.pi / 2, -math.radians(80.0))
+    assert (
+        "above the limb (-18.99 deg); in radians these numbers were azimuth 90, elevation -80"
+        in text
+    )
+    for direction in ((0.0, -90.0), (1.0, -30.0), (90.0, -1.2), (1.0, 1.2), (0.0, -0.2)):
+        assert said(*direction) == ""

@@ -167,6 +167,11 @@ def _without(*endings: str) -> Callable[[Path], list[Path]]:
         ({"kernels": _without(".ti")}, "INS-900100_PIXEL_SAMPLES is not in the kernels: load"),
         ({"kernels": _without(".tpc")}, "no orientation of MOON_ME at .*load kernels of this time"),
         ({"body_frame": "MOON_PA"}, "lack the Moon's frame MOON_PA: load NAIF's moon_de440"),
+        ({"body_frame": "J2000"}, r"`body_frame` J2000 is a frame of body 0, not of the Moon \(301\)"),
+        (
+            {"scan": (START, STOP, LINE_S)},
+            r"MY_CAMERA has 300 lines \(PIXEL_LINES\), so it is no line scanner: .* push-frame camera the ISD of ALE",
+        ),
         ({"instrument": "MY_SCANNER"}, r"INS-900200_PIXEL_LINES is not in .* `ik` PIXEL_LINES=\.\.\."),
         ({"ik": {"PIXEL_SIZE": 13.5}}, "INS-900100_PIXEL_SIZE is 13.5 mm; these are micrometres"),
         ({"ik": {"PIXEL_SIZ": 13.5}}, r"no key PIXEL_SIZ \(PIXEL_SIZE is meant\?\)"),
