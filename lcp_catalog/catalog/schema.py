@@ -90,6 +90,8 @@ class Cause(IntEnum):
     """Usable candidates, but too few."""
     SIZE = 8
     """Enough usable candidates, but the number of points is limited."""
+    NOT_EXAMINED = 9
+    """Candidates that seem usable in the first of two passes, and were not evaluated in the rounds of the second."""
 
 
 NO_CELL = 255
@@ -346,7 +348,10 @@ PROMISE = {
         ("part",), "f8", "m", "around a place that every camera sees whose nearest place it is"
     ),
     "lower_bound": Variable(
-        ("part",), "f8", "1", "points that every choice with the same promise has at least"
+        ("part",),
+        "f8",
+        "1",
+        "points that every choice of evaluated candidates with the same promise has at least",
     ),
 }
 

@@ -71,6 +71,7 @@ _HELP = {
     "`sun.elevations_deg` help",
     "marginal": "points are usable under the Suns that were evaluated, but not surely between them",
     "few": "points are usable, but too few",
+    "not_examined": "candidates that seem usable were not evaluated: `points.passes` 1 evaluates all",
     "size": "`points.max_points` or `points.max_bytes` is reached",
 }
 """Why points are lacking, by `schema.COVERAGE_STATUS` and `schema.Cause`, and what else helps."""

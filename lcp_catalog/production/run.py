@@ -47,7 +47,7 @@ from .merging import MergeReport, merge_catalogs
 from .promise import PromiseChoice
 from .recipe import InputFiles, Recipe, cells
 from .sweep import Conditions
-from .two_passes import computed_in_passes
+from .two_passes import ROUNDS, computed_in_passes
 from .warm_up import compile_kernels, missing
 from .worker_memory import caches_mb, divided
 
@@ -356,22 +356,37 @@ class BuildRun:
         if not self.build.recipe.config.points.two_passes or not self._missing(self.build.jobs):
             return self._compute(self.build.jobs)
         failed: dict[str, str] = {}
+        total, done = 2 * len(self.build.jobs), 0
         for level in self.build.levels:
-            failed |= computed_in_passes(level.recipe, level.jobs, self.checkpoints, self._compute)
+            both = range(done, done + 2 * len(level.jobs))
+
+            def compute(jobs: Sequence[AreaJob], both: range = both) -> dict[str, str]:
+                steps = {FIRST: both.start, ROUNDS[0]: both.stop - len(jobs)}
+                before = steps.get(jobs[0].step, both.stop)
+                return self._compute(
+                    jobs, lambda k, _: self.progress(min(before + k, both.stop), total)
+                )
+
+            failed |= computed_in_passes(level.recipe, level.jobs, self.checkpoints, compute)
+            done = both.stop
+        self.progress(total, total)
         return failed
 
-    def _compute(self, areas: Sequence[AreaJob]) -> dict[str, str]:
+    def _compute(
+        self, areas: Sequence[AreaJob], progress: Progress | None = None
+    ) -> dict[str, str]:
         """Compute those of the areas that have no checkpoint. Return the causes of those that failed, by
         name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
         kept.
         """
+        progress = progress or self.progress
         todo = self._missing(areas)
         todo.sort(key=lambda job: job.work, reverse=True)  # no worker ends with a long one alone
         todo = _in_turn(todo, self.jobs)
         done, failed = len(areas) - len(todo), {}
         if todo and self.jobs > 1 and self.scheduler is None:
             compile_kernels(missing("build-catalog"))  # else each worker compiles them
-        self.progress(done, len(areas))
+        progress(done, len(areas))
         inputs, start = self.build.recipe.files, time.monotonic()
         for index, outcome in run_tasks(_finished_area, todo, self.jobs, self.scheduler, inputs):
             self.build.inputs.require_unchanged()
@@ -387,7 +402,7 @@ class BuildRun:
             else:
                 self.checkpoints.write(todo[index].name, outcome)
             done += 1
-            self.progress(done, len(areas))
+            progress(done, len(areas))
         workers = 1 if self.scheduler else max(1, min(self.jobs, len(todo)))
         self._spent_s.append(workers * (time.monotonic() - start) if todo else 0.0)
         return failed

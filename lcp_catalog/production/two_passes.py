@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import AnyArray, Bytes, Index, Mask
+from ..catalog.schema import Cause
+from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE
 from ..rendering.plan import ScenePlan
 from .area_job import FIRST, SITE, AreaJob, AreaResult, run_area
 from .assembly import choose
@@ -45,6 +47,8 @@ def computed_in_passes(
     """
     failed = compute([replace(job, step=FIRST) for job in jobs])
     second = _SecondPass(recipe, checkpoints, [job for job in jobs if job.task.name not in failed])
+    if not second.jobs:
+        return failed
     for step in ROUNDS:
         wanted = second.wanted()
         if not wanted:
@@ -52,7 +56,7 @@ def computed_in_passes(
         lost = compute(second.jobs_of(wanted, step))
         second.note(wanted, step, lost)
         failed |= lost
-    second.finish()
+    second.finish(settled=not wanted)
     return failed
 
 
@@ -114,12 +118,14 @@ class _SecondPass:
         self.jobs = [job for job in self.jobs if job.task.name not in failed]
         self.rounds.append((step, wanted))
 
-    def finish(self) -> None:
-        """Make the checkpoints from which the catalogue is written."""
+    def finish(self, settled: bool) -> None:
+        """Make the checkpoints from which the catalogue is written. ``settled``: no candidate that is not evaluated would be
+        chosen.
+        """
         for job in self.jobs:
-            self._finish(job.task.name)
+            self._finish(job.task.name, settled)
 
-    def _finish(self, name: str) -> None:
+    def _finish(self, name: str, settled: bool) -> None:
         area, kind = self._known(name), record_type(self.recipe.config)
         parts = [np.zeros(0, kind)]
         rows = [np.zeros(0, np.int64)]
@@ -139,7 +145,9 @@ class _SecondPass:
         records = np.concatenate(parts)[np.argsort(np.concatenate(rows))]
         table, stages, others = area.table, area.stages, ~area.evaluated
         table["worth"][others] = table["checksum"][others] = 0
-        stages[others] %= UNIT
+        stages[others] = _not_evaluated(stages[others], settled)
+        if not settled:
+            table["stage"][others & (table["stage"] == USABLE_STAGE)] = SPARE_STAGE
         plan = ScenePlan.from_json(json.loads(area.plan))
         self.checkpoints.write(name, FinishedArea(table, records, plan, stages))
 
@@ -176,6 +184,12 @@ class _Known:
     stages: Bytes
     evaluated: Mask
     plan: str
+
+
+def _not_evaluated(stages: Bytes, settled: bool) -> Bytes:
+    """The stages (n, cells) of candidates of which only a first look is known: they are worth nothing."""
+    causes = stages % np.uint8(UNIT)
+    return causes if settled else np.where(stages >= UNIT, np.uint8(Cause.NOT_EXAMINED), causes)
 
 
 def _chosen_after(table: AnyArray, evaluated: Mask, config: BuildConfig) -> Index:

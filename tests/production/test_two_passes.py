@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.small_build import CONFIG, DEM
 
+from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Places, select
@@ -200,6 +201,54 @@ def test_a_promise_of_two_passes_is_kept_by_its_points(tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.demand, two.demand)
     kept = [(np.asarray(p.cause) == 0).sum() for p in (one, two)]
     assert kept[1] >= 0.95 * kept[0]
+
+
+def test_a_choice_that_does_not_stand_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without rounds no candidate is evaluated: what seems usable was not examined, and nothing is promised by it."""
+    monkeypatch.setattr(two_passes, "ROUNDS", "b")
+    chosen = two_passes._SecondPass.wanted
+    monkeypatch.setattr(
+        two_passes._SecondPass, "wanted", lambda self: dict(list(chosen(self).items())[:1])
+    )
+    output = tmp_path / "short.h5"
+    BuildRun(Build.plan((DEM,), PROMISED), output).whole()
+    assert verify(output) == []
+    catalog = open_catalog(output)
+    assert catalog.promise is not None
+    cause = np.asarray(catalog.promise.cause)
+    assert (cause == Cause.NOT_EXAMINED).sum() > 0.2 * (cause != NO_CELL).sum()
+
+
+def test_areas_that_all_fail_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(job: AreaJob) -> AreaResult:
+        raise ValueError(f"step {job.step}")
+
+    monkeypatch.setattr(run, "run_area", fails)
+    with pytest.raises(AreaFailedError, match=r"all .* areas failed; the first: .* step a"):
+        BuildRun(Build.plan((DEM,), TWO), tmp_path / "x.h5", keep_going=True).whole()
+
+
+def test_an_area_that_fails_in_the_second_pass_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, seen = Build.plan((DEM,), TWO), []
+    victim = max(plan.jobs, key=lambda job: job.work).task.name
+
+    def fails(job: AreaJob) -> AreaResult:
+        if job.task.name == victim and job.sites is not None:
+            raise ValueError("a bit fell over")
+        return run_area(job)
+
+    monkeypatch.setattr(run, "run_area", fails)
+    output = tmp_path / "x.h5"
+    report = BuildRun(plan, output, keep_going=True, progress=lambda *at: seen.append(at)).whole()
+    assert list(report.failed) == [victim]
+    assert report.areas == len(plan.jobs) - 1
+    assert verify(output) == []
+    assert seen == sorted(seen)
+    assert seen[-1] == (2 * len(plan.jobs), 2 * len(plan.jobs))
 
 
 def test_parts_are_refused_in_one_line(tmp_path: Path) -> None:
