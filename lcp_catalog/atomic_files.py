@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import stat
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
@@ -368,8 +369,43 @@ def csv_cell(value: Any) -> Any:
     return value
 
 
+_SETTLED_NS = 2_000_000_000
+"""Age of a change from which on a later one has another time, on file systems that count in steps of 2 s."""
+
+_SUMS: dict[tuple[int, ...], str] = {}
+"""Sums by the file's `_settled` state."""
+
+
+def _settled(state: tuple[int, ...]) -> tuple[int, ...]:
+    """A `file_state` without the device, which is another on every machine; empty for a file that has just changed."""
+    return state[1:] if time.time_ns() - max(state[3:]) > _SETTLED_NS else ()
+
+
+def known_sums() -> list[list[int | str]]:
+    """Sums that this process has computed or was told, with the states of the files, for JSON."""
+    return [[*state, digest] for state, digest in _SUMS.items()]
+
+
+def know_sums(found: Any) -> None:
+    """Take sums that another process has computed (`known_sums`), so that a file in the same state is not read again."""
+    for one in found if isinstance(found, list) else ():
+        match one:
+            case [int(), int(), int(), int(), str()]:
+                _SUMS[tuple(one[:-1])] = one[-1]
+
+
 @lru_cache(maxsize=256)
-def _sha256(path: str, _state: tuple[int, ...]) -> str:
+def _sha256(path: str, state: tuple[int, ...]) -> str:
+    settled = _settled(state)
+    if settled not in _SUMS:
+        found = _digest_of(path)
+        if not settled:
+            return found
+        _SUMS[settled] = found
+    return _SUMS[settled]
+
+
+def _digest_of(path: str) -> str:
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

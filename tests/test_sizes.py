@@ -54,7 +54,8 @@ BUDGETS = {
     # 38 a budget's configuration on more areas; promise and size of every row; 11 own Suns of tiers
     # 242 cures that are tried on a part of the region, 34 a map of a catalogue in a notebook
     # 28 two passes: what was not examined
-    "code lines, lcp_catalog": 45660,
+    # 38 digests of inputs once a build
+    "code lines, lcp_catalog": 45698,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -81,8 +82,10 @@ BUDGETS = {
     # 86 files on a server
     # 930 which matcher survives which Sun (three tables), 80 own Suns in high and reference
     # 48 two passes: what was not examined
-    "words of docs": 53998,
-    "words of the changelog": 1000,
+    # 26 digests of inputs once a build
+    "words of docs": 54024,
+    # 1 x
+    "words of the changelog": 1001,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
     "lines of the library with options": 0,

@@ -31,7 +31,14 @@ from typing import IO, Any
 import numpy as np
 
 from ..arrays import AnyArray, Bytes, Index
-from ..atomic_files import lock_file, remove_left, remove_leftovers, write_aside
+from ..atomic_files import (
+    know_sums,
+    known_sums,
+    lock_file,
+    remove_left,
+    remove_leftovers,
+    write_aside,
+)
 from ..errors import AreaFailedError, OutputExistsError, printable
 from ..rendering.plan import ScenePlan
 from .code_facts import differences
@@ -97,6 +104,11 @@ class Checkpoints:
         """The checkpoints of an output file; ``facts``: all that determines the areas' content, by name."""
         return cls(output.with_name(output.name + _ENDING), fingerprint(facts), facts)
 
+    @classmethod
+    def know_sums(cls, output: Path) -> None:
+        """Take the sums of input files that a run of the same output has noted (`atomic_files.know_sums`)."""
+        know_sums(cls.beside(output, {})._sums())
+
     @contextlib.contextmanager
     def locked(self, shared: bool = False) -> Iterator[None]:
         """The folder, made if needed, for this run alone, or ``shared`` with other parts of a build:
@@ -154,6 +166,8 @@ class Checkpoints:
             with contextlib.suppress(OutputExistsError):  # another part was quicker: the same run?
                 self._write_note(parts, overwrite=self._note() is not None)
             self.require_same_run()
+        elif any(one not in self._sums() for one in known_sums()):
+            self._write_note(parts)
 
     def require_same_run(self) -> None:
         """OutputExistsError if the folder's checkpoints are of another run; it says in what this differs."""
@@ -175,6 +189,10 @@ class Checkpoints:
         note = self._note()
         return note is None or note.get("fingerprint") == self.fingerprint
 
+    def _sums(self) -> list[Any]:
+        found = (self._note() or {}).get("sums")
+        return found if isinstance(found, list) else []
+
     @property
     def parts(self) -> int | None:
         """Number of parts of the run that is noted in the folder; None if it has none."""
@@ -192,6 +210,7 @@ class Checkpoints:
     def _write_note(self, parts: int | None, overwrite: bool = True) -> None:
         note: dict[str, Any] = {"fingerprint": self.fingerprint, "facts": dict(self.facts)}
         note |= {} if parts is None else {"parts": parts}
+        note["sums"] = known_sums()
         with write_aside(self.folder / _NOTE, overwrite) as path:
             path.write_text(json.dumps(note), encoding="utf-8")
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .._version import __version__
-from ..atomic_files import content_of, file_facts
+from ..atomic_files import content_of, file_facts, know_sums, known_sums
 from ..errors import ClusterError, ConfigError
 from ..remote_files import absolute
 from ..threads import limit_threads
@@ -84,22 +84,26 @@ def run_on_cluster(
 
 @dataclass(frozen=True)
 class Expected:
-    """What a worker must have: the code (`code_facts`), and the SHA-256 sums of files by absolute path."""
+    """What a worker must have: the code (`code_facts`), and the SHA-256 sums of files by absolute path. ``sums``: those
+    of files in a state, which need not be read again.
+    """
 
     code: dict[str, str]
     files: dict[str, str]
+    sums: list[list[int | str]]
 
     @classmethod
     def here(cls, inputs: Sequence[Path]) -> Expected:
         """What this process has."""
         facts = zip(inputs, file_facts(inputs), strict=True)
         files = {absolute(path): content_of(found) for path, found in facts}
-        return cls(code_facts(), files)
+        return cls(code_facts(), files, known_sums())
 
     def difference(self) -> str | None:
         """What is different in this process, in words; None if nothing is."""
         if others := differences(self.code, code_facts()):
             return f"has another {others} than the process that sends the areas"
+        know_sums(self.sums)
         for name, wanted in self.files.items():
             try:
                 (found,) = file_facts([Path(name)])

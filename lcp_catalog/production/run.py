@@ -238,6 +238,7 @@ class BuildRun:
     @cached_property
     def checkpoints(self) -> Checkpoints:
         """The finished areas beside the output."""
+        Checkpoints.know_sums(self.output)
         return Checkpoints.beside(self.output, self.build.facts())
 
     def whole(self) -> BuildReport:
