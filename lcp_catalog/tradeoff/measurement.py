@@ -288,7 +288,7 @@ def measure_all(
     return replace(found, best=config.replaced(best.values), best_row=best_row)
 
 
-CONFIRMED, CLOSE = 16, 0.3
+CONFIRMED, CLOSE = 32, 0.3
 """Least number of areas, where the build has them, on which the configuration for a budget is measured; and the half width of the
 interval of its error, as a share of it, above which twice as many are taken."""
 
