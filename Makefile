@@ -60,6 +60,7 @@ bench-build: $(READY) ## a build by stage, beside a straightforward pipeline and
 bench-peers: $(READY) ## shadows and camera rays beside Mitsuba and Embree
 	$(INSTALL) --group peers
 	$(BIN)/python -m benchmarks.speed peers
+	$(BIN)/python -m benchmarks.speed render
 
 bench-query: $(READY) ## frames and trajectories asked of 100 000 points
 	$(BIN)/python -m benchmarks.speed query
