@@ -2,7 +2,8 @@
 
     python -m benchmarks.speed render [--rounds N]
 
-The script writes two bands without overviews, for one kind of map; lcp seven bands with overviews, statistics and its scene plan. Quote the ratios.
+The script writes two bands without overviews, for one kind of map; lcp seven bands with overviews, statistics and its scene plan.
+Quote the ratios.
 """
 
 from __future__ import annotations
