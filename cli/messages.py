@@ -74,10 +74,16 @@ class _LogHandler(logging.Handler):
 
 
 class _LastResort(logging.Handler):
-    """Warnings of a run without ``-v``: the text alone."""
+    """Warnings of a run without ``-v``: the text alone, once."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__(level)
+        self._said: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        say(self.format(record))
+        if (text := self.format(record)) not in self._said:
+            self._said.add(text)
+            say(text)
 
 
 _HANDLER = _LogHandler()

@@ -65,7 +65,8 @@ BUDGETS = {
     # 13 their option
     # 1 builds of two passes
     # 1 files on a server
-    "code lines, cli": 4206,
+    # 5 a warning once
+    "code lines, cli": 4211,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness

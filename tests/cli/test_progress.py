@@ -225,3 +225,14 @@ def test_a_catalogue_is_checked_before_progress_starts_a_thread(tmp_path: Path) 
     command = [sys.executable, "-c", CHECKED, *words]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
+
+
+def test_a_warning_is_written_once_in_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """`lcp trade` plans a build for every alternative, each with the same doubts about the DEM."""
+    for _ in range(2):
+        messages.reset()
+        for name in ("a.tif", "a.tif", "b.tif"):
+            record = logging.makeLogRecord({"msg": f"{name}: unknown", "levelno": logging.WARNING})
+            assert logging.lastResort is not None
+            logging.lastResort.handle(record)
+        assert capsys.readouterr().err.splitlines() == ["a.tif: unknown", "b.tif: unknown"]
