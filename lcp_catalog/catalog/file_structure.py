@@ -23,6 +23,7 @@ from .layout import (
     OPTIONAL_ATTRIBUTES,
     OPTIONAL_GROUP_ATTRIBUTES,
     TEXT,
+    earlier_flags,
     grid_mapping,
     key,
     variable_attributes,
@@ -76,7 +77,13 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                 )
                 faults = [
                     *_type_faults(dataset, members[short], dims),
-                    *_attribute_faults(dataset, expected),
+                    *min(
+                        (
+                            list(_attribute_faults(dataset, one))
+                            for one in (expected, expected | earlier_flags(short))
+                        ),
+                        key=len,
+                    ),
                 ]
                 faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
                 problems += [f"{key(group, short)}: {fault}" for fault in faults]

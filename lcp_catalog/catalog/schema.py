@@ -351,7 +351,7 @@ PROMISE = {
         ("part",),
         "f8",
         "1",
-        "points that every choice of evaluated candidates with the same promise has at least",
+        "points that every choice with the same promise has at least",
     ),
 }
 

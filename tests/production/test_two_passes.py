@@ -6,6 +6,7 @@ import dataclasses
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from helpers.small_build import CONFIG, DEM
@@ -199,6 +200,8 @@ def test_a_promise_of_two_passes_is_kept_by_its_points(tmp_path: Path) -> None:
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.demand, two.demand)
+    with h5py.File(outputs[0]) as file:  # as version 0.3.0 writes and reads it
+        assert file["promise/cause"].attrs["flag_values"].tolist() == list(range(9))
     kept = [(np.asarray(p.cause) == 0).sum() for p in (one, two)]
     assert kept[1] >= 0.95 * kept[0]
 
@@ -219,6 +222,8 @@ def test_a_choice_that_does_not_stand_is_said(
     assert catalog.promise is not None
     cause = np.asarray(catalog.promise.cause)
     assert (cause == Cause.NOT_EXAMINED).sum() > 0.2 * (cause != NO_CELL).sum()
+    with h5py.File(output) as file:
+        assert file["promise/cause"].attrs["flag_meanings"].split()[-1] == "not_examined"
 
 
 def test_areas_that_all_fail_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
