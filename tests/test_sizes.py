@@ -57,7 +57,8 @@ BUDGETS = {
     # 28 two passes: what was not examined
     # 38 digests of inputs once a build
     # 33 files of 0.3.0 and the new cause
-    "code lines, lcp_catalog": 45731,
+    # 56 sharper templates of reduced images; of foreseen noise matches count a part
+    "code lines, lcp_catalog": 45787,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -87,7 +88,8 @@ BUDGETS = {
     # 48 two passes: what was not examined
     # 26 digests of inputs once a build
     # 66 renders and parts, measured
-    "words of docs": 54133,
+    # 183 sharper templates, noise of matches as in claims
+    "words of docs": 54316,
     # 1 x
     "words of the changelog": 1001,
     "class names of several classes": 0,

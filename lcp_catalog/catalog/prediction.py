@@ -15,6 +15,7 @@ from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from ..geometry.frames import direction_enu
+from ..landmarks.patches import sharper_sigma
 from ..landmarks.relief_signal import log_signal, peak_height, probability_at
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
@@ -106,10 +107,12 @@ def predict(
     view_enu: ArrayLike,
     pixel_m: ArrayLike,
     altitude_km: ArrayLike = math.inf,
+    factor: ArrayLike = 1,
 ) -> Prediction:
     """Claims of the points ``rows`` (n,) under directions to the Sun and to the camera, (n, 3) unit
     vectors in each point's own east-north-up frame, for pixels of ``pixel_m`` (n,) on the ground
-    and a camera at ``altitude_km`` (n,) or () above the points.
+    and a camera at ``altitude_km`` (n,) or () above the points. ``factor`` (n,) or (): how many times
+    the image is reduced for the search, which makes sigmas smaller (`landmarks.patches.sharper_sigma`).
 
     Weights are linear in the Sun's elevation and azimuth, in the logarithm of pixel over cell, and
     barycentric between views in the azimuthal equidistant plane. Where a catalogue has views at
@@ -149,12 +152,14 @@ def predict(
             _interpolated(catalog, rows[inside], axes, inside, signal)
         ).items():
             getattr(found, name)[inside] = values
+    sharper = sharper_sigma(factor)
+    major, minor = sharper * found.sigma_major_m, sharper * found.sigma_minor_m
     dark = elevation | azimuth | ~_between_elevations(catalog, sun)
     outside = zip(("scale", "view", "sun"), (scale, at_view, dark), strict=True)
     cause = found.cause
     for name, where in outside:  # the last one that holds is the first of `CAUSES`
         cause = np.where(where, CAUSES.index(name), cause)
-    return replace(found, cause=cause)
+    return replace(found, sigma_major_m=major, sigma_minor_m=minor, cause=cause)
 
 
 def conditions_used(

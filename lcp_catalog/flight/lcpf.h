@@ -147,7 +147,7 @@ int lcpf_project(const lcpf_camera *camera, const double position[3], double pix
  * the image are skipped, the others checked first. Claims are interpolated between Suns, views and image scales. */
 int lcpf_in_view(const lcpf_file *file, const lcpf_camera *camera, lcpf_claim *claims, uint32_t most, uint32_t *count);
 
-/* Render a point's patch into work->shown; sigma: Gaussian point spread, pixels (0 to 1). */
+/* Render a point's patch into work->shown; sigma: Gaussian point spread, pixels (0 to 1); 0.5, or 0.5/r of an image reduced r times. */
 int lcpf_render(const lcpf_point *point, const lcpf_camera *camera, const lcpf_law *law, double sigma, lcpf_work *work);
 
 /* Means of 2 x 2 pixels, rows / 2 by cols / 2. */

@@ -25,6 +25,7 @@ from ..catalog.schema import DETECTION_STEP
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..images.image import Image
+from ..landmarks.patches import sharper_sigma
 
 NO_CLAIM = 0.5
 """Probability of a match before the search where the catalogue claims nothing."""
@@ -32,17 +33,22 @@ NO_CLAIM = 0.5
 LEAST_SIGMA_PX = 0.02
 """1 sigma, each axis, of what a match errs beyond its covariance."""
 
+_LEAST_MOVING = 1e-3
+"""Share of the noise that displaces matches below which that of a claim says nothing about the rest."""
+
 
 @dataclass(frozen=True, eq=False)
 class PointClaims:
     """Claims about n points. ``probability`` (n,): that a search finds the point; ``covariance_px2``
     (n, 2, 2): of the match, pixels of the searched image; ``usable`` (n,): the catalogue calls it
-    usable. NaN, False: no claim.
+    usable. NaN, False: no claim. ``still_px2`` (n, 2, 2): covariance of the match in that part of the noise
+    which the catalogue foresees and of which it knows that it displaces no match; 0 without a claim.
     """
 
     probability: Array
     covariance_px2: Array
     usable: Mask
+    still_px2: Array
 
     @classmethod
     def of(
@@ -54,12 +60,23 @@ class PointClaims:
         slope = ground_slopes(
             sensor, catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
         )
-        covariance = slope @ stated.covariance_m2 @ np.swapaxes(slope, -1, -2)
-        return cls(probability, covariance, stated.usable)
+        turned = np.swapaxes(slope, -1, -2)
+        covariance = slope @ stated.covariance_m2 @ turned
+        place_m = catalog.place_sigma_m(catalog.gsd[rows]) * sharper_sigma(sensor.factor)
+        by_noise = covariance - place_m[:, None, None] ** 2 * (slope @ turned)
+        moving = np.maximum(catalog.moving(rows), _LEAST_MOVING)
+        still = np.nan_to_num((1.0 / moving - 1.0)[:, None, None] * by_noise)
+        return cls(probability, covariance, stated.usable, still)
 
     def some(self, part: slice) -> PointClaims:
         """The claims about some of the points."""
-        return PointClaims(self.probability[part], self.covariance_px2[part], self.usable[part])
+        return PointClaims(*(values[part] for values in vars(self).values()))
+
+    def of_matches(self, noise_px2: Array) -> Array:
+        """Covariances (n, 2, 2) of matches from those in all of an image's noise: noise as it is foreseen counts as in a
+        claim, any more counts whole; not smaller in any direction than the claim.
+        """
+        return at_least(noise_px2 - self.still_px2, self.covariance_px2)
 
 
 def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike) -> Prediction:
@@ -70,7 +87,8 @@ def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: Array
     sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, np.float64))
     view = np.einsum("nij,nj->ni", rotation, sensor.towards(places))
     pixel = pixel_size_m(sensor, places) if len(rows) else np.zeros(0)
-    return predict(catalog, rows, sun, view, pixel, altitude_km(sensor, places))
+    height = altitude_km(sensor, places)
+    return predict(catalog, rows, sun, view, pixel, height, sensor.factor)
 
 
 def at_least(covariance: Array, least: Array) -> Array:
@@ -296,6 +314,29 @@ def reduction(catalog: Catalog, sensor: Sensor, rows: Index) -> int:
     target = max(gsd, min(RESOLUTION_SHARE * true, narrow))
     wide = gsd * catalog.patch_nodes / _WIDEST_PX
     return max(math.floor(target / pixel), math.ceil(wide / pixel), 1)
+
+
+def reductions(
+    catalog: Catalog, sensor: Sensor, rows: Index, levels: frozenset[int], factor: int
+) -> Index:
+    """Pixels (n,) of a sensor's image along the side of one of the image in which each point (rows (n,)) is searched,
+    once the sensor is known: ``factor`` for the levels that were searched first, else that of a level alone.
+    """
+    factors = np.full(len(rows), factor)
+    level = np.asarray(catalog.level)[rows]
+    for other in set(np.unique(level).tolist()) - levels:
+        own = level == other
+        factors[own] = reduction(catalog, sensor, rows[own])
+    return factors
+
+
+def usual_reductions(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
+    """`reductions` (n,) of the points in view (rows (n,)) where those `at_one_scale` are searched first."""
+    if not len(rows):
+        return np.ones(0, np.int64)
+    first = at_one_scale(catalog, rows, sensor)
+    levels = frozenset(np.asarray(catalog.level)[first].tolist())
+    return reductions(catalog, sensor, rows, levels, reduction(catalog, sensor, first))
 
 
 def patch_width_px(catalog: Catalog, sensor: Sensor, rows: Index) -> float:

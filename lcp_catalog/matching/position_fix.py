@@ -42,7 +42,7 @@ from .point_choice import (
     likeliest,
     patch_width_px,
     points_in_view,
-    reduction,
+    reductions,
     working_image,
 )
 from .point_search import Criteria, find_points, nothing_in
@@ -368,16 +368,8 @@ class _FixSearch:
         return joined(parts)
 
     def factors(self, rows: Index) -> Index:
-        """Pixels of the full-resolution image along the side of one of the image in which a point (rows
-        (n,)) is searched, once the sensor is corrected: that of the first search for the levels that
-        took part in it, else that of its level alone.
-        """
-        factors = np.full(len(rows), self.factor)
-        level = np.asarray(self.catalog.level)[rows]
-        for other in set(np.unique(level).tolist()) - self.levels:
-            own = level == other
-            factors[own] = reduction(self.catalog, self.image.sensor, rows[own])
-        return factors
+        """`reductions` (n,) of points (rows (n,))."""
+        return reductions(self.catalog, self.image.sensor, rows, self.levels, self.factor)
 
     def solved(self, matches: Matches, pose: Pose) -> tuple[Pose, Matches]:
         """The pose solved from the matches that agree with a pose, repeated until they stay the

@@ -34,7 +34,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import nodes_mcmf
 from ..kernels.matching import draw_patch, point_spread
-from ..landmarks.patches import POINT_SPREAD_PX
+from ..landmarks.patches import POINT_SPREAD_PX, reduced_spread_px
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .point_choice import directions_to_sun
@@ -189,7 +189,7 @@ def render_patches(
     model:
         Reflectance law, or its name.
     psf_sigma_px:
-        Standard deviation of the Gaussian point spread, pixels.
+        Standard deviation of the Gaussian point spread, pixels of the full-resolution image.
     least_cover:
         Least share of a pixel's point spread that falls on the patch, for the pixel to count.
 
@@ -218,12 +218,18 @@ def render_patches(
     drawing = placed.drawn(suns, law_of(model) or DEFAULT_MODEL)
     values = np.empty((len(drawing), *placed.shape), np.float32)
     mask = np.empty(values.shape, np.bool_)
-    point_spread.templates(
-        drawing, placed.sub, float(psf_sigma_px), float(least_cover), values, mask
-    )
+    spread_px = reduced_spread_px(float(psf_sigma_px), sensor.factor)
+    point_spread.templates(drawing, placed.sub, spread_px, float(least_cover), values, mask)
     return Templates(
-        placed.point, placed.predicted_px, placed.origin, values, mask, drawing, placed.sub, float(psf_sigma_px),
-    )  # fmt: skip
+        placed.point,
+        placed.predicted_px,
+        placed.origin,
+        values,
+        mask,
+        drawing,
+        placed.sub,
+        spread_px,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,7 @@ from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..errors import CameraError, ConfigError
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
+from ..landmarks.patches import sharper_sigma
 from ..light.sun_choice import SunChoice, SunStated
 from ..matching.common_errors import SharedTerrain, shadow_shift_m
 from ..matching.joint_detection import JointDetection, joint_detection
@@ -364,7 +365,8 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         rotation, -1, -2
     )  # pixels per metre east, north, up
     level = on_ground[:, :, :2]
-    stated = catalog.place_sigma_m(catalog.gsd[rows])[:, None, None]
+    stated = catalog.place_sigma_m(catalog.gsd[rows]) * sharper_sigma(points.factor[usable])
+    stated = stated[:, None, None]
     place = stated**2 * (level @ np.swapaxes(level, -1, -2))
     match = level @ points.claims.covariance_m2[usable] @ np.swapaxes(level, -1, -2)
     searched = np.maximum(catalog.gsd[rows] / points.pixel_m[usable], 1.0)  # side, in pixels

@@ -15,7 +15,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.prediction import Prediction, predict
 from ..geometry.frames import EnuFrame
 from ..light.sun_choice import SunChoice
-from ..matching.point_choice import points_in_view
+from ..matching.point_choice import points_in_view, usual_reductions
 
 CAUSES = (*prediction.CAUSES, "edge")
 """Why a point in view is not usable: those of `prediction.CAUSES`, and a patch that the image does
@@ -55,6 +55,7 @@ class FramePoints:
     pixel_m: Array  # (n,) size of a pixel on the ground
     rotation: Array  # (n, 3, 3) MCMF to each point's ENU frame
     claims: Prediction  # `cause` is a number in `CAUSES`
+    factor: Index  # (n,) how many times the image is reduced for the search
 
     @property
     def counts(self) -> dict[str, int]:
@@ -104,7 +105,10 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
         view[part] = np.einsum("nij,nj->ni", rotation[part], one.frame.sensor.towards(one.places))
     sizes = np.concatenate([one.pixel_m for one in seen] or [np.zeros(0)])
     heights = [altitude_km(one.frame.sensor, one.places) for one in seen]
-    claims = predict(catalog, rows, sun, view, sizes, np.concatenate([*heights, np.zeros(0)]))
+    reduced = [usual_reductions(catalog, one.frame.sensor, one.rows) for one in seen]
+    factor = np.concatenate([*reduced, np.zeros(0, np.int64)])
+    height = np.concatenate([*heights, np.zeros(0)])
+    claims = predict(catalog, rows, sun, view, sizes, height, factor)
     for one, part in zip(seen, parts, strict=True):
         own = _part(claims, part)
         cause, usable = own.cause.copy(), np.flatnonzero(own.usable)
@@ -113,7 +117,9 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
         cause[usable[cut]] = CAUSES.index("edge")
         cause[usable[unstated]] = CAUSES.index("not evaluated")
         own = replace(own, cause=cause)
-        yield FramePoints(one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own)
+        yield FramePoints(
+            one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own, factor[part]
+        )
 
 
 def _part(claims: Prediction, part: slice) -> Prediction:

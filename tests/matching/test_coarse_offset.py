@@ -115,8 +115,8 @@ def test_what_a_quarter_of_the_points_could_show(count: int, slack: int, reach: 
 
 
 def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
-    """The same pixels as a reduced image and with a camera of their own: offsets, reaches and
-    slacks differ by a factor of 2, probabilities are the same.
+    """The same pixels as a reduced image and with a camera of their own: offsets, reaches, slacks and
+    the point spread differ by a factor of 2, probabilities are the same.
     """
     middle = tuple((c + 0.5) * 2.0 - 0.5 for c in camera.principal_point_px)
     fine = replace(
@@ -129,7 +129,8 @@ def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
     how = {"points": rows, "grid_px": 64}
     native = coarse_shift(catalog, photo, LAW, 90.0, offset_px=(20.0, -8.0), slack_px=4.0, **how)
     found = coarse_shift(
-        catalog, replace(photo, sensor=Reduced(fine, 2)), LAW, 180.0, offset_px=(40.0, -16.0), slack_px=8.0, **how
+        catalog, replace(photo, sensor=Reduced(fine, 2)), LAW, 180.0, offset_px=(40.0, -16.0), slack_px=8.0,
+        psf_sigma_px=1.0, **how,
     )  # fmt: skip
     assert native.precision_px == 2.0 * (1.0 + 2.0)  # 90 px on a grid of 64: reduced by 2
     assert np.hypot(native.offset_px[0] + 20.0, native.offset_px[1] - 8.0) < 3.0

@@ -14,9 +14,11 @@ import pytest
 
 pytest.importorskip("embreex", reason="Embree has wheels for Linux and Windows on x86-64 only")
 
+from helpers.claiming import claiming
 from helpers.closed_loops import cut
+from helpers.dem_clones import Errors, clone
 from helpers.embree_camera import Ground, Pinhole, above, photograph, read_out, sun_position
-from helpers.embree_mesh import enu_axes, mcmf
+from helpers.embree_mesh import enu_axes, mcmf, read_nodes
 from helpers.products import DEGREE_M, geotiff
 from helpers.synthetic import cratered
 from scipy import ndimage
@@ -27,7 +29,8 @@ from lcp_catalog.cameras.frame_camera import Camera, camera_from_json
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.point_search import find_points
+from lcp_catalog.matching.point_choice import claimed
+from lcp_catalog.matching.point_search import Criteria, find_points
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
@@ -187,6 +190,60 @@ def require_telling(light: Array) -> None:
     assert np.isfinite(light).all()
     assert light.std() / light.mean() > 0.1
     assert (light < 0.05 * light.mean()).mean() < 0.4
+
+
+FACTOR = 4
+ERRORS = Errors(24.5, 530.0, 0.05, 1900.0)
+
+
+def test_matches_are_better_in_a_reduced_image(sites):
+    """Frames of clones of the DEM, taken by Embree with pixels of a quarter and reduced to those of the catalogue:
+    templates as sharp as they are beside templates that assume 0.5 pixels of the reduced image (2 of the full one).
+    Errors fall by 10 % (3 to 15 in single frames), no point is lost, and the claims fall alike.
+    """
+    site = sites("near south")
+    taken = [reduced_frame(site, seed) for seed in (1, 2, 3)]
+    sharp, dull = (
+        [
+            find_points(site.catalog, one, LAW, 6.0 * FACTOR, criteria=Criteria(psf_sigma_px=px))
+            for one in taken
+        ]
+        for px in (0.5, 0.5 * FACTOR)
+    )
+    errors = [[], []]
+    for ours, theirs in zip(sharp, dull, strict=True):
+        assert ours.found.sum() >= theirs.found.sum() - 1 >= 40
+        both = ours.found & theirs.found
+        assert ours.correlation[both].mean() > theirs.correlation[both].mean()
+        for name, one in zip(errors, (ours, theirs), strict=True):
+            name.append(one.offset_px[both] / FACTOR)
+    rms = [float(np.sqrt(np.mean(np.square(np.concatenate(one))))) for one in errors]
+    assert 0.8 < rms[0] / rms[1] < 0.95
+    own, full = (claim_of(site.catalog, taken[0], factor) for factor in (FACTOR, 1))
+    assert own / full == pytest.approx(0.86, abs=1e-6)
+
+
+def reduced_frame(site: Site, seed: int) -> Image:
+    """A frame of a clone of a site's DEM, reduced to pixels of 1.1 cells."""
+    nodes = read_nodes(site.dem, site.lon_deg, site.lat_deg, 110e3)
+    surface, brightness = clone(nodes, ERRORS, np.random.default_rng(seed))
+    middle, pixels = mcmf(site.lon_deg, site.lat_deg), SIZE * FACTOR
+    away = 0.55 * CELL_M * SIZE / np.tan(np.radians(10.0))
+    place = above(site.lon_deg, site.lat_deg, 10.0, 170.0, away)
+    judge = Pinhole.looking(middle, place, 30.0, 20.0, (pixels, pixels))
+    sun = sun_position(site.lon_deg, site.lat_deg, 100.0, 20.0)
+    ground = Ground(surface, middle, brightness)
+    light = photograph(ground, judge, sun, blur_px=BLUR_PX, samples=1, seed=seed)
+    return photo_of(light, camera_from_json(judge.document(sun)), sun, seed).reduced(FACTOR)
+
+
+def claim_of(catalog: Catalog, photo: Image, factor: int) -> float:
+    """Claimed 1 sigma, metres, of the first point that has a claim, in an image of the same pixels that was reduced."""
+    claims = claiming(catalog, 20.0, 0.5 * CELL_M)
+    sensor = photo.sensor if factor > 1 else photo.sensor.full
+    suns = photo.sun_directions(catalog.position_mcmf)
+    stated = claimed(claims, np.arange(len(catalog)), sensor, suns).sigma_major_m
+    return float(stated[np.isfinite(stated)][0])
 
 
 # The judge judged

@@ -213,7 +213,7 @@ def test_small_templates_are_searched_at_full_resolution() -> None:
 
 def test_a_reduced_photo_answers_as_one_that_came_so() -> None:
     """The same pixels as a reduced image and with a camera of their own: places (p + 1/2) 2 - 1/2,
-    lengths twice as large, all else the same.
+    lengths twice as large, the point spread, too, and all else the same.
     """
     full = hadley_photo()
     fine = looking_at(
@@ -225,7 +225,8 @@ def test_a_reduced_photo_answers_as_one_that_came_so() -> None:
     rows = points_in_view(hadley_catalog(), full.sensor)[::2]
     offset = np.random.default_rng(0).choice([-6.0, 6.0], (len(rows), 2))  # twice that is beyond
     native = find_points(hadley_catalog(), full, LAW, 7.0, points=rows, offset_px=offset)
-    found = find_points(hadley_catalog(), reduced, LAW, 14.0, points=rows, offset_px=2.0 * offset)
+    twice = {"offset_px": 2.0 * offset, "criteria": Criteria(psf_sigma_px=1.0)}
+    found = find_points(hadley_catalog(), reduced, LAW, 14.0, points=rows, **twice)
     np.testing.assert_array_equal(found.code, native.code)
     assert native.found.sum() >= 10
     for name in ("correlation", "second"):

@@ -11,7 +11,7 @@ from helpers.twins_match import catalog_of_dem, catalog_of_patches, looking_at, 
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.cameras.sensor import FullSensor
+from lcp_catalog.cameras.sensor import FullSensor, Reduced
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import draw_patch, point_spread, subpixel_fit
@@ -95,6 +95,31 @@ def test_real_patch_is_what_exact_rays_see(hadley, pixel_m, off_nadir, roll):
 def replace_rows(catalog, rows):
     frames = [frame_of(catalog, row) for row in rows]
     return catalog_of_patches(catalog.dem[rows], frames, float(catalog.gsd[0]))
+
+
+@pytest.mark.parametrize("factor", [1, 2, 4])
+def test_a_reduced_image_shows_means_of_the_full_one(hadley, factor):
+    """The template for an image that is reduced: the area means of that for the full one, which the point spread of full
+    pixels has passed.
+    """
+    catalog = replace_rows(hadley, [1])
+    frame = frame_of(catalog)
+    camera = looking_at(frame, 80e3, 20, 130, 70, 80e3 / 40.0, (4000, 4000), (1999.3, 1998.8))
+    sun = frame.direction_to_mcmf(direction_enu(200, 12))[None]
+    full = render_patches(catalog, [0], camera, sun)
+    small = render_patches(catalog, [0], Reduced(camera, factor), sun)
+    rows, cols = small.shape
+    wide = np.full((rows * factor, cols * factor), np.nan)
+    col, row = factor * small.origin[0] - full.origin[0]
+    down, right = (np.arange(rows * factor) + row, np.arange(cols * factor) + col)
+    inside = np.ix_((down >= 0) & (down < full.shape[0]), (right >= 0) & (right < full.shape[1]))
+    seen = np.where(full.mask[0], full.values[0], np.nan)
+    wide[inside] = seen[np.ix_(down[inside[0][:, 0]], right[inside[1][0]])]
+    means = wide.reshape(rows, factor, cols, factor).mean(axis=(1, 3))
+    both = small.mask[0] & np.isfinite(means)
+    assert both.sum() > 0.7 * small.mask[0].sum() > 200
+    off = (small.values[0] - means)[both]
+    assert np.sqrt(np.mean(off**2)) < 0.012 * means[both].std()
 
 
 def test_deep_shadow_has_its_edge_between_nodes(hadley):
