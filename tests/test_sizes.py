@@ -89,7 +89,8 @@ BUDGETS = {
     # 26 digests of inputs once a build
     # 66 renders and parts, measured
     # 183 sharper templates, noise of matches as in claims
-    "words of docs": 54331,
+    # 82 a camera of one's own
+    "words of docs": 54413,
     # 1 x
     "words of the changelog": 1001,
     "class names of several classes": 0,

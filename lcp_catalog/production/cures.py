@@ -47,7 +47,8 @@ _NAMED, _TRIED, _PLACES, _SEED = 2, 5, 2, 1
 
 _SIDES = 48, 256
 """Least and greatest side of the ground at a place, nodes. On Hadley's 60 km in cells of 237 m half the search radius kept 8
-more percent of the promise on 51 nodes, 9 on 127; larger patches 9 and 9; more candidates -1 and 1 (2026-11-27).
+more percent of the promise on 51 nodes, 9 on 127; larger patches 9 and 9; more candidates a cell -1 and 1, so they are not
+tried (2026-11-27).
 """
 
 _MEANT, _BEGUN = 0.6, 0.7
@@ -70,7 +71,7 @@ _HELP = {
     "dependent": "terrain outside the patches shadows or hides them: a higher `points.max_dependence` or higher "
     "`sun.elevations_deg` help",
     "marginal": "points are usable under the Suns that were evaluated, but not surely between them",
-    "few": "points are usable, but too few",
+    "few": "usable points lie too thinly for the footprint of the promise: a camera that sees more ground, or a finer DEM helps",
     "not_examined": "candidates that seem usable were not evaluated: `points.passes` 1 evaluates all",
     "size": "`points.max_points` or `points.max_bytes` is reached",
 }
@@ -373,9 +374,10 @@ def _of_points(points: PointConfig, cell_m: float, cause: str) -> Iterator[dict[
     if cause in ("ambiguous", "featureless"):
         yield {"points.patch_nodes": 2 * round(0.75 * points.patch_nodes) + 1}
     if cause == "few":
-        yield {"points.candidates_per_cell": 2 * points.candidates_per_cell}
-        if points.spacing_m is not None:
-            yield {"points.spacing_m": 0.5 * points.spacing_m}
+        closer_m = float(f"{0.5 * points.spacing_nodes(cell_m) * cell_m:.2g}")
+        located = points.located  # a spacing alone would promise nothing
+        promised = {} if located is None else {"points.located_probability": located}
+        yield {"points.spacing_m": closer_m, **promised}
     if cause == "dependent":
         yield {"points.max_dependence": min(1.0, 2.0 * points.max_dependence)}
     if cause == "dark":
@@ -397,12 +399,14 @@ def _of_suns(sun: SunConfig, highest_deg: float, cause: str) -> Iterator[dict[st
 
 
 def _work(build: Build, config: BuildConfig) -> float:
-    """Nodes times conditions of all areas under another configuration; of more candidates, or larger ones, the most
-    that they can add.
+    """Nodes times conditions of all areas under another configuration; of closer candidates, or larger ones, the most that
+    they can add.
     """
     own, points = build.recipe.config.points, config.points
     ratio = (build.recipe.gsd_m / (config.area.gsd_m or build.recipe.gsd_m)) ** 2
     ratio *= (points.patch_nodes / own.patch_nodes) ** 2
-    ratio *= points.candidates_per_cell / own.candidates_per_cell
+    if points.spacing_m != own.spacing_m:
+        cells = own.spacing_nodes(build.recipe.gsd_m) / points.spacing_nodes(build.recipe.gsd_m)
+        ratio *= cells**2
     counts = (job.nodes * conditions_at(job.task.lat_deg, config).count for job in build.jobs)
     return ratio * float(sum(counts)) or 1.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,3 +73,21 @@ def test_a_direction_in_radians_is_doubted(caplog: pytest.LogCaptureFixture) -> 
     )
     for direction in ((0.0, -90.0), (1.0, -30.0), (90.0, -1.2), (1.0, 1.2), (0.0, -0.2)):
         assert said(*direction) == ""
+
+
+def test_the_page_makes_the_camera_that_looks_down() -> None:
+    """The lines for a camera of one's own (docs/reference/cameras.md) against the one of place, height and field of view."""
+    page = Path(__file__).parents[2] / "docs" / "reference" / "cameras.md"
+    block = page.read_text(encoding="utf-8").partition("**Make one**")[2].split("```")[1]
+    names: dict[str, Any] = {"np": np}
+    exec(block.removeprefix("python\n"), names)
+    made, same = (
+        names["camera"],
+        pointed_camera((145.0, -20.0), 100e3, (0.0, -90.0), 40.0, (512, 512)),
+    )
+    assert made["position_mcmf_m"] == pytest.approx(same.position_mcmf_m.tolist(), abs=1e-6)
+    np.testing.assert_allclose(
+        made["rotation_mcmf_to_camera"], same.rotation_mcmf_to_camera, atol=1e-12
+    )
+    assert made["focal_length_px"] == pytest.approx(same.focal_length_px)
+    assert made["principal_point_px"] == list(same.principal_point_px)

@@ -21,7 +21,9 @@ def test_warm_up_says_where_the_kernels_are(
     monkeypatch.setattr(warm_up, "entries", lambda *_: [SMALL])
     assert run(["warm-up", "-o", str(tmp_path / "out")]) == 0
     (folder,) = (tmp_path / "out").iterdir()
-    assert capsys.readouterr().err == f"{folder}: 1 kernels\n"
+    assert capsys.readouterr().err.endswith(
+        f"{folder}: 1 kernels\n"
+    )  # on a slow machine after progress
     assert [path.name for path in folder.iterdir()] == [SMALL.file_name]
     assert run(["warm-up", "--level", "x86-64-v9"]) == 2
 

@@ -27,7 +27,8 @@ VALIDATE = ["validate", "{}/sample.h5", "AS15-M-0414.png", "--camera", CAMERA]
 
 RUNS = [
     ["build-catalog", DEM, "-o", "{}/sample.h5", "--config", "hadley.toml", "--jobs", "1"],
-    ["", "build-catalog", DEM, "-o", "{}/plain.h5", *HADLEY, "--size", "30", "--jobs", "1"],
+    ["build-catalog", DEM, "-o", "{}/plain.h5", *HADLEY, "--size", "30", "--jobs", "1"],
+    ["camera", "info", CAMERA, "--catalog", "{}/sample.h5"],
     ["render", DEM, "-o", "{}/c.tif", "--camera", CAMERA, "--frame", "camera", "--gsd", "474"],
     ["render", DEM, "-o", "{}/a.tif", *AREA],
     ["", "render", DEM, "-o", "{}/r.tif", *AREA, "--accuracy", "reference"],
@@ -61,7 +62,11 @@ def calls(arguments: list[str]) -> list[tuple[str, str, float]]:
         def on_end(self, event: Any) -> None:
             seconds = time.process_time() - open_since.pop()
             files = event.data["dispatcher"]._cache
-            if not open_since and isinstance(files, cache._Files) and not any(event._exc_details):
+            if (
+                not open_since
+                and isinstance(files, cache._Files)
+                and not any(event._exc_details or ())
+            ):
                 found.append((files.kernel, repr(event.data["args"]), seconds))
 
     def loaded(self: cache._Files, signature: Any, context: Any) -> Any:

@@ -63,8 +63,12 @@ def test_changes_against_what_matters() -> None:
     assert [one.work for one in found] == sorted(one.work for one in found)
     assert "sun.azimuths_deg" in found[-1].changes or found[-1].work >= 2.0  # twice the work
     assert cures(build, {"nodata": 1.0}) == []
-    finer = [one for one in cures(build, {"few": 1.0}) if "area.gsd_m" in one.changes]
-    assert finer == []  # 474 m is the finest that the DEM resolves
+    (closer,) = cures(
+        build, {"few": 1.0}
+    )  # no finer cells: 474 m is the finest that the DEM resolves
+    assert str(closer) == "`points.spacing_m` 4 km and `points.located_probability` 0.99"
+    assert build.recipe.config.replaced(closer.changes).points.promised
+    assert closer.work == pytest.approx((17 / 8) ** 2)  # cells of the candidates, in nodes
 
 
 def test_advice_is_as_the_options_take_it() -> None:
