@@ -101,6 +101,54 @@ def test_the_library_lets_each_call_fail(tmp_path: Path) -> None:
             assert os.strerror(getattr(errno, error)) in err[0], (fault, err)
 
 
+KERNELS = """
+import json, os, sys
+from pathlib import Path
+from benchmarks.faults import failing
+from lcp_catalog.kernels import cache
+
+def halved(x):
+    return x / 2
+
+def work(words):
+    os.environ |= {"NUMBA_CACHE_DIR": os.path.abspath("own"), cache.SHARED: os.path.abspath("shared")}
+    print(cache.njit(nogil=True)(halved)(3.0))
+    return 0
+
+sys.path[0] = os.getcwd()  # not "", the folder whose calls fail
+failing.run = work
+attempts, tried, wrong = failing.Attempts(Path(sys.argv[1])), 0, []
+place = attempts.place({})
+attempts.run("", place)
+own = failing.content_of(place)
+shared = {name.replace("own/kernels", "shared"): held for name, held in own.items()}
+for before in ({}, own, shared, {**own, **shared}):
+    calls = attempts.run("", attempts.place(before)).calls
+    faults = [failing.Fault(kind, nth, error, failing.ALONE.get(how, how))
+              for kind in calls for error, how in failing.KINDS[kind] for nth in range(1, calls[kind] + 1)]
+    for fault in faults if sys.argv[2] == "all" else faults[::6]:
+        place, tried = attempts.place(before), tried + 1
+        ends = [attempts.run("", place, fault), attempts.run("", place)]
+        whole = [cache._read(path) is not None for path in place.rglob("*.kernel")]
+        if not all(whole) or [(one.code, one.out) for one in ends] != [(0, "1.5\\n")] * 2:
+            wrong.append([str(fault), whole, [[one.code, one.out, one.err[-300:]] for one in ends]])
+print(json.dumps([tried, wrong]))
+"""
+
+
+@pytest.mark.parametrize("which", ["some", pytest.param("all", marks=pytest.mark.slow)])
+def test_a_file_of_a_kernel_that_is_not_read_or_written_is_none(which: str, tmp_path: Path) -> None:
+    """In the user's folder and in the shared one: the kernel is compiled, and its value is right."""
+    environment = os.environ | {"LD_PRELOAD": str(failing.built(tmp_path))}
+    root = Path(__file__).resolve().parents[1]
+    command = [sys.executable, "-c", KERNELS, str(tmp_path / "runs"), which]
+    ended = subprocess.run(
+        command, cwd=root, env=environment, capture_output=True, text=True, check=True
+    )
+    tried, wrong = json.loads(ended.stdout)
+    assert (tried > 15, wrong) == (True, [])
+
+
 TWINS = """
 import json, sys
 from pathlib import Path

@@ -58,7 +58,8 @@ BUDGETS = {
     # 38 digests of inputs once a build
     # 33 files of 0.3.0 and the new cause
     # 56 sharper templates of reduced images; of foreseen noise matches count a part
-    "code lines, lcp_catalog": 45787,
+    # 24 answers of SPICE twice, virtual rasters in archives
+    "code lines, lcp_catalog": 45794,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -90,7 +91,8 @@ BUDGETS = {
     # 66 renders and parts, measured
     # 183 sharper templates, noise of matches as in claims
     # 82 a camera of one's own
-    "words of docs": 54413,
+    # 30 kernels and messages that are cut
+    "words of docs": 54421,
     # 1 x
     "words of the changelog": 1001,
     "class names of several classes": 0,

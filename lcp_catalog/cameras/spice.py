@@ -13,9 +13,10 @@ import math
 import os
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -121,6 +122,14 @@ def _check_whole(path: str) -> None:
         wanted = _RECORD * (-(-8 * (first_free - 1) // _RECORD))
         if size < wanted:
             raise CameraError(f"{path}: is cut: it has {size} of {wanted} bytes")
+
+
+def _twice(found: Callable[[], Any]) -> Array:
+    """What SPICE finds, asked twice: a read that fails gave zeros once, without an error. CameraError if they differ."""
+    first, second = np.asarray(found()), np.asarray(found())
+    if not np.array_equal(first, second):
+        raise CameraError("SPICE could not read a kernel: it gives two answers to one question")
+    return second
 
 
 @contextmanager
@@ -260,7 +269,7 @@ def moon_rotations(kernels: Path | str | Sequence[Path | str], times: Array) -> 
     with loaded(kernels) as spice:
         name = _moon_frame(spice, None)
         with _explained(spice, f"the kernels have no orientation of {name}: load the Moon's PCK"):
-            return np.array([spice.pxform("J2000", name, et) for et in times])
+            return np.array([_twice(partial(spice.pxform, "J2000", name, et)) for et in times])
 
 
 class OpenInstrument:
@@ -421,16 +430,18 @@ class OpenInstrument:
     def state(self, et: float) -> list[float]:
         """Position (km) and velocity (km/s) of the observer from the Moon's centre, J2000."""
         try:
-            state, _ = self.spice.spkez(self.observer, et, "J2000", "NONE", 301)
+            state = _twice(lambda: self.spice.spkez(self.observer, et, "J2000", "NONE", 301)[0])
         except self.spice.utils.exceptions.SpiceyError as error:
             covered = self._covered("SPK", self.observer)
             raise self._outside(f"position of {self.asked.observer}", et, covered, error) from error
+        if not state[:3].any():
+            raise CameraError(f"the kernels have {self.asked.observer} at the centre of the Moon")
         return list(map(float, state))
 
     def turn(self, frame: str, et: float) -> Array:
         """Rotation (3, 3) from J2000 to a frame."""
         try:
-            return np.asarray(self.spice.pxform("J2000", frame, et))
+            return _twice(lambda: self.spice.pxform("J2000", frame, et))
         except self.spice.utils.exceptions.SpiceyError as error:
             of_moon = frame == self.body
             covered = (

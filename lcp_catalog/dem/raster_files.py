@@ -72,7 +72,7 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
             file = one.file()
             files[file] = None
             xml = None
-            if str(file) == one.name:  # not in an archive
+            if not one.name.startswith("/vsi"):  # not in an archive
                 xml = _xml(file)
                 for new in _named(xml, file):
                     if new.name not in seen:
@@ -80,10 +80,17 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
                         seen.add(new.name)
             if one is not todo[0] and one.is_raster and xml is None:
                 with opened(one.name, f"a raster (named by {one.by})") as dataset:
-                    _add(files, dataset)
-        dataset = opened(name, kind)
+                    _add(files, _no_vrt_in_archive(one.name, dataset))
+        dataset = _no_vrt_in_archive(name, opened(name, kind))
         _add(files, dataset)
     return dataset, tuple(files)
+
+
+def _no_vrt_in_archive(name: str, dataset: Any) -> Any:
+    """The dataset; DemError for a virtual raster in an archive: what it names is not looked at."""
+    if name.startswith("/vsi") and dataset.driver == "VRT":
+        raise DemError(f"{name}: is a virtual raster in an archive; unpack it")
+    return dataset
 
 
 def opened(name: str, kind: str) -> Any:

@@ -209,6 +209,24 @@ def test_kernels_that_are_none(meta: Path, tmp_path: Path) -> None:
     assert {one.name for one in kernel_files(meta)} >= {"META.tm", "orbiter.bsp", "moon.tpc"}
 
 
+@pytest.mark.parametrize(
+    ("once", "said"), [(True, "gives two answers"), (False, "at the centre of the Moon")]
+)
+def test_zeros_of_a_kernel_that_is_not_read_are_no_position(
+    meta: Path, monkeypatch: pytest.MonkeyPatch, once: bool, said: str
+) -> None:
+    """SPICE gave them without an error where one read of its SPK failed (`benchmarks.faults calls`)."""
+    asked, real = [], spiceypy.spkez
+
+    def zeros(*given: Any) -> Any:
+        asked.append(given)
+        return real(*given) if once and len(asked) > 1 else (np.zeros(6), 0.0)
+
+    monkeypatch.setattr(spiceypy, "spkez", zeros)
+    with pytest.raises(CameraError, match=said):
+        _made(meta)
+
+
 def test_a_camera_that_looks_up_is_not_turned_round(meta: Path) -> None:
     """An ISD is taken to look at the Moon; a kernel's boresight is believed."""
     camera = lcp.Camera.from_spice("MY_ORBITER", "MY_CAMERA", TIME, meta)

@@ -182,6 +182,13 @@ def foreign(folder: Path) -> Path:
     return vrt(folder / "x.vrt", "a.tif")
 
 
+def packed(folder: Path) -> Path:
+    """A VRT in an archive, which names files outside it."""
+    with zipfile.ZipFile(folder / "a.zip", "w") as archive:
+        archive.write(two(folder), "in.vrt")
+    return vrt(folder / "x.vrt", f"/vsizip/{folder}/a.zip/in.vrt")
+
+
 def commented(folder: Path) -> Path:
     """GDAL and other readers of XML take different names here."""
     tif(folder / "dem.tif")
@@ -201,6 +208,7 @@ def commented(folder: Path) -> Path:
         (in_two("/vsis3/bucket/a.tif"), NO_FILE),
         (in_two("&lt;VRTDataset>&lt;/VRTDataset>"), NO_FILE),
         (commented, NO_FILE),
+        (packed, "a.zip/in.vrt: is a virtual raster in an archive; unpack it"),
         (foreign, "a.tif: not a raster .named by .*x.vrt. that can be read here"),
         (in_two("two.vrt"), "two.vrt: (not a DEM|cannot be read)"),
     ],
@@ -352,6 +360,22 @@ def test_an_output_is_none_of_the_files_behind_an_input(
     assert run(["render", str(path), "-o", str(output), *sun]) == 2
     assert "is the same file as" in capsys.readouterr().err
     assert (tmp_path / "dem.tif").read_bytes() == before
+
+
+def test_names_in_the_working_folder_are_followed_to_the_last_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """GDAL lists the files behind two virtual rasters, not those behind three; `./two.vrt` was taken for an archive."""
+    monkeypatch.chdir(tmp_path)
+    tif(Path("dem.tif"))
+    for name, source in (("one", "dem.tif"), ("two", "one.vrt"), ("three", "two.vrt")):
+        vrt(Path(f"{name}.vrt"), source)
+    found = files_beside(Path("three.vrt"))
+    assert {path.name for path in found} == {"three.vrt", "two.vrt", "one.vrt", "dem.tif"}
+    before = Path("dem.tif").read_bytes()
+    words = "render three.vrt -o dem.tif --overwrite --sun-azimuth 90 --sun-elevation 30"
+    assert run(words.split()) == 2
+    assert Path("dem.tif").read_bytes() == before
 
 
 def test_an_output_from_python_is_none_of_the_files_behind_an_input(tmp_path: Path) -> None:
