@@ -59,7 +59,8 @@ BUDGETS = {
     # 33 files of 0.3.0 and the new cause
     # 56 sharper templates of reduced images; of foreseen noise matches count a part
     # 24 answers of SPICE twice, virtual rasters in archives
-    "code lines, lcp_catalog": 45794,
+    # 5 pixels of a render read back
+    "code lines, lcp_catalog": 45799,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights

@@ -117,13 +117,18 @@ def geotiff(
                 overview_resampling="average",
                 statistics="yes",
             )
-        # GDAL goes on without a text, a number or a CRS that lacks memory
+        # GDAL goes on without a text, a number, a CRS, pixels or an overview that lacks memory
         with MemoryFile(content := bytes(memory.getbuffer())) as copy, copy.open() as written:
             kept = [
                 dict(tags).items() <= written.tags().items(),
                 written.descriptions == tuple(bands),
                 crs is None or (written.crs and not written.transform.is_identity),
                 units is None or written.units == tuple(units),
+                bool(written.overviews(1)) == (max(rows, columns) > TILE),
+                *(
+                    np.array_equal(written.read(index), np.asarray(band, dtype), equal_nan=True)
+                    for index, band in enumerate(bands.values(), start=1)
+                ),
                 *(
                     written.tags(index).keys() >= _STATISTICS or bool(np.isnan(band).all())
                     for index, band in enumerate(bands.values(), start=1)
