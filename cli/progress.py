@@ -115,8 +115,9 @@ def _start() -> None:
     ended = threading.Event()
 
     def beats() -> None:
-        while not ended.wait(_BEAT_S):
-            _beats[-1]()
+        with suppress(MemoryError, OSError):  # then it is silent
+            while not ended.wait(_BEAT_S):
+                _beats[-1]()
 
     thread = threading.Thread(target=beats, daemon=True)
     with suppress(RuntimeError, MemoryError):  # without the memory for its stack: silence

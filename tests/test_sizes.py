@@ -31,7 +31,7 @@ BUDGETS = {
     # 1 plain windows, 1 share of the noise that displaces simulated matches
     # 393 which matcher survives which Sun: six others (97), scenes, tables and the picture
     # 80 a render beside an Embree script
-    "code lines, benchmarks": 5396,
+    "code lines, benchmarks": 5397,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -70,7 +70,7 @@ BUDGETS = {
     # 1 builds of two passes
     # 1 files on a server
     # 5 a warning once
-    "code lines, cli": 4211,
+    "code lines, cli": 4212,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
