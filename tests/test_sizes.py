@@ -60,7 +60,8 @@ BUDGETS = {
     # 56 sharper templates of reduced images; of foreseen noise matches count a part
     # 24 answers of SPICE twice, virtual rasters in archives
     # 5 pixels of a render read back
-    "code lines, lcp_catalog": 45799,
+    # 1 two passes measured
+    "code lines, lcp_catalog": 45800,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -93,7 +94,8 @@ BUDGETS = {
     # 183 sharper templates, noise of matches as in claims
     # 82 a camera of one's own
     # 30 kernels and messages that are cut
-    "words of docs": 54421,
+    # 125 two passes measured
+    "words of docs": 54546,
     # 1 x
     "words of the changelog": 1001,
     "class names of several classes": 0,
