@@ -35,8 +35,11 @@ beside the tests: 14 x 14 nodes under one Sun then take 79 ms on a busy machine 
 
 @pytest.fixture(autouse=True)
 def _silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands that run in this process do not say how long they are at work: on a slow machine each would."""
+    """Commands that run in this process do not say how long they or their tasks are at work: on a slow machine each
+    would.
+    """
     monkeypatch.setattr("lcp_cli.progress.alive", lambda name: nullcontext())
+    monkeypatch.setattr("lcp_cli.progress._FIRST_S", 600.0)
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,12 @@ from lcp_cli.progress import alive, duration_text, progress
 from lcp_catalog import child_process
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import DemError
+
+
+@pytest.fixture(autouse=True)
+def _silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here tasks say how long they run, as for users."""
+    monkeypatch.setattr("lcp_cli.progress.alive", lambda name: nullcontext())
 
 
 @pytest.fixture
