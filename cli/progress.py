@@ -53,7 +53,9 @@ def progress(label: str, weights: Sequence[float] = ()) -> Iterator[Callable[[in
         )
         if not done:
             return passed
-        return f"{duration_text(pace.left_s)} left" if weights else f"{pace.text}, {passed}"
+        return (
+            f"{duration_text(pace.left_s)} left, {passed}" if weights else f"{pace.text}, {passed}"
+        )
 
     messages.clear()
     bar = click.progressbar(
