@@ -70,8 +70,8 @@ BUDGETS = {
     # 13 their option
     # 1 builds of two passes
     # 1 files on a server
-    # 5 a warning once
-    "code lines, cli": 4212,
+    # 5 a warning once, 2 a bar that is drawn each second
+    "code lines, cli": 4214,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
