@@ -77,7 +77,7 @@ flight: $(READY) ## the C reference of the flight file: its vector, sanitizers, 
 
 judges: $(READY) ## SPICE with JPL's ephemeris, checkers of CF, GeoParquet and COG judge what is computed and written
 	$(INSTALL) --group judges
-	$(BIN)/python -m pytest tests/judges
+	LCP_JUDGES=1 $(BIN)/python -m pytest tests/judges
 
 coverage: $(READY) ## the fast tests with the share of lines that they run
 	$(INSTALL) --group coverage

@@ -71,7 +71,7 @@ def _written(folder: str) -> Iterator[Path]:
     "budget_s",
     type=Number(0.0, None, min_open=True),
     metavar="SECONDS",
-    help="Write best.toml, the configuration to take for so much processor time of the whole build.",
+    help="Write best.toml, the configuration to take for so much processor time of the build; measured after the time limit.",
 )
 @click.option(
     "--max-error",

@@ -79,7 +79,7 @@ def _tiers(config: Any) -> Values:
 
 def _whole_search(config: Any) -> Values:
     other = not config.model.precision.whole_search
-    return {_shown(other): {"model.whole_search": other}}
+    return {"full resolution" if other else "half first": {"model.whole_search": other}}
 
 
 def _views(config: Any) -> Values:

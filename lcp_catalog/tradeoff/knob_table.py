@@ -50,6 +50,9 @@ def knobs_said(trade: Trade) -> str:
     if best is None:
         return said
     what = best["value"] or "your configuration as it is"
+    if trade.budget_s and best["build_seconds"] > trade.budget_s:
+        left = len(trade.not_measured)
+        said += f" The budget of {number(trade.budget_s, 3)} s is not reached by what was measured ({left} were not)."
     return (
         f"{said} To take ({BEST}): {what}; measured together on {best['areas']} areas: {number(best['build_seconds'], 3)} s for the whole build "
         f"({times(best['seconds_relative'])} of the time of your configuration), {changed_share(best)} of the conditions changed."

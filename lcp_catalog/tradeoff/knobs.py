@@ -528,8 +528,8 @@ def proposal(
     rows: Sequence[tuple[Setting, Row]], usual: Row, budget_s: float | None, error: float | None
 ) -> list[Setting]:
     """The settings to take together, at most one of an approximation: those that save most time for their error until the
-    build takes ``budget_s`` of processor time, or as long as their errors are within ``error``; where the budget exceeds
-    the build's time, those that remove most error for their time. Times multiply and errors add.
+    build takes ``budget_s`` of processor time, or as long as their errors are within ``error``. Times multiply and errors
+    add. None where the build takes no longer: what takes longer need not be finer.
     """
     some = [
         (setting, row["seconds_relative"], row["conditions_changed_share"])
@@ -539,19 +539,16 @@ def proposal(
         and row["matched_share"] >= _LEAST_MATCHED
     ]
     factor = budget_s / usual["build_seconds"] if budget_s else 0.0
-    finer = factor > 1.0
     taken: dict[str, Setting] = {}
     time_, wrong = 1.0, 0.0
-    some = [(s, t, e) for s, t, e in some if (t > 1.0 + SAVING if finer else t < 1.0 - SAVING)]
-    some.sort(key=lambda one: (one[2] + 1e-9) / abs(math.log(one[1])), reverse=finer)
+    some = [(s, t, e) for s, t, e in some if t < 1.0 - SAVING]
+    some.sort(key=lambda one: (one[2] + 1e-9) / abs(math.log(one[1])))
     for setting, relative, share in some:
         if setting.knob in taken:
             continue
-        if finer and time_ * relative > factor:
-            continue
         if error is not None and wrong + share > error:
             continue
-        if not finer and budget_s and time_ <= factor:
+        if budget_s and time_ <= factor:
             break
         taken[setting.knob] = setting
         time_, wrong = time_ * relative, wrong + share

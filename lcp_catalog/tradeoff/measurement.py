@@ -164,6 +164,8 @@ class Trade:
     not_measured: dict[str, str] = field(default_factory=dict)
     best: BuildConfig | None = None
     best_row: dict[str, Any] | None = None
+    budget_s: float | None = None
+    """Processor time that was asked for."""
 
     def document(self) -> dict[str, Any]:
         """The content of ``trade.json``."""
@@ -285,7 +287,9 @@ def measure_all(
         if budget.error is None or (best_row["conditions_changed_share"] or 0.0) <= budget.error:
             break
         left = [one for one in left if one[0] != taken[-1]]
-    return replace(found, best=config.replaced(best.values), best_row=best_row)
+    return replace(
+        found, best=config.replaced(best.values), best_row=best_row, budget_s=budget.seconds
+    )
 
 
 CONFIRMED, CLOSE = 32, 0.3

@@ -11,6 +11,7 @@ test over the points, as many as share no terrain), and at least half of the poi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -237,9 +238,10 @@ def better_catalog(catalog: Catalog, image: Image) -> str:
     )
     around, over = azimuth_elevation(towards.mean(axis=0))
     views, suns = len(catalog.view_off_nadir), len(catalog.sun_elevation)
+    node = math.floor(above) if above < catalog.sun_elevation.min() else math.ceil(above)
     cell_m, pixel_m = float(np.median(catalog.gsd[rows])), float(np.median(points.pixel_m))
     known = {
-        "sun": (1.0 + 1.0 / suns, f"`sun.elevations_deg` with {above:.0f}"),
+        "sun": (1.0 + 1.0 / suns, f"`sun.elevations_deg` with {node:.0f}"),
         "view": (
             1.0 + 1.0 / views,
             f"a view {90.0 - over:.0f} deg off nadir at azimuth {around:.0f}",

@@ -35,7 +35,7 @@ def test_a_working_folder_that_is_gone(tmp_path: Path, words: list[str]) -> None
     assert "the working folder no longer exists; change to one that does" in said
 
 
-@pytest.mark.parametrize("limit_mb", [400, 600])
+@pytest.mark.parametrize("limit_mb", [300, 400])
 def test_libraries_that_do_not_fit_in_memory(tmp_path: Path, limit_mb: int) -> None:
     said = told(LIMITED, str(limit_mb), "render", str(DEM), "-o", str(tmp_path / "x.tif"))
     assert said.startswith("lcp: out of memory; ")
