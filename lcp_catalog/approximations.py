@@ -251,7 +251,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "point spread of an image", "0.5 pixels assumed: a sharper or duller image has other claims",
         ("points.point_spread_px",), _choices("points.point_spread_px", 0.35, 0.7),
-        constants=("landmarks.patches.POINT_SPREAD_PX",), expected=0.02,
+        constants=("landmarks.point_spread.POINT_SPREAD_PX",), expected=0.02,
     ),
     Approximation(
         "number of rivals", "with 12 for 64 the Brier score doubles in pure noise (measured)",
@@ -283,7 +283,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "point spread of a reduced image", "sigma is 7 and 14 % smaller in images reduced 2 and 4 times; errors were by 7 and 11 to 17 % (measured)",
-        constants=("landmarks.patches.SHARPEST_PX",), unpriced="no switch: a claim is made before it is known how often an image will be reduced",
+        constants=("landmarks.point_spread.SHARPEST_PX",), unpriced="no switch: a claim is made before it is known how often an image will be reduced",
     ),
     Approximation(
         "packing of claims", "0.002 of a probability, half a step of 1/250 (exact)",

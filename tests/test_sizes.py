@@ -57,11 +57,11 @@ BUDGETS = {
     # 28 two passes: what was not examined
     # 38 digests of inputs once a build
     # 33 files of 0.3.0 and the new cause
-    # 34 sharper templates of reduced images, 5 budgets that are not reached
+    # 34 sharper templates of reduced images, 5 budgets that are not reached, 6 a room of the point spread
     # 24 answers of SPICE twice, virtual rasters in archives
     # 5 pixels of a render read back
     # 1 two passes measured
-    "code lines, lcp_catalog": 45791,
+    "code lines, lcp_catalog": 45797,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights

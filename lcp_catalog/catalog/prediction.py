@@ -15,7 +15,7 @@ from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from ..geometry.frames import direction_enu
-from ..landmarks.patches import sharper_sigma
+from ..landmarks.point_spread import sharper_sigma
 from ..landmarks.relief_signal import log_signal, peak_height, probability_at
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
@@ -112,7 +112,7 @@ def predict(
     """Claims of the points ``rows`` (n,) under directions to the Sun and to the camera, (n, 3) unit
     vectors in each point's own east-north-up frame, for pixels of ``pixel_m`` (n,) on the ground
     and a camera at ``altitude_km`` (n,) or () above the points. ``factor`` (n,) or (): how many times
-    the image is reduced for the search, which makes sigmas smaller (`landmarks.patches.sharper_sigma`).
+    the image is reduced for the search, which makes sigmas smaller (`landmarks.point_spread.sharper_sigma`).
 
     Weights are linear in the Sun's elevation and azimuth, in the logarithm of pixel over cell, and
     barycentric between views in the azimuthal equidistant plane. Where a catalogue has views at

@@ -28,7 +28,8 @@ from ..landmarks.detection import (
     highest_probability,
     mistake_probability,
 )
-from ..landmarks.patches import POINT_SPREAD_PX, halved, reduced_spread_px
+from ..landmarks.patches import halved
+from ..landmarks.point_spread import POINT_SPREAD_PX, reduced_spread_px
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined

@@ -31,7 +31,7 @@ from ..geometry.frames import lonlat_to_mcmf
 from ..images.image import Image
 from ..kernels.matching import correlation
 from ..landmarks.located import SIGNIFICANT
-from ..landmarks.patches import POINT_SPREAD_PX
+from ..landmarks.point_spread import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import (
     SHARE_IF_HERE,

@@ -34,7 +34,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import nodes_mcmf
 from ..kernels.matching import draw_patch, point_spread
-from ..landmarks.patches import POINT_SPREAD_PX, reduced_spread_px
+from ..landmarks.point_spread import POINT_SPREAD_PX, reduced_spread_px
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .point_choice import directions_to_sun

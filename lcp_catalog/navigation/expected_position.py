@@ -31,7 +31,7 @@ from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..errors import CameraError, ConfigError
 from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
-from ..landmarks.patches import sharper_sigma
+from ..landmarks.point_spread import sharper_sigma
 from ..light.sun_choice import SunChoice, SunStated
 from ..matching.common_errors import SharedTerrain, shadow_shift_m
 from ..matching.joint_detection import JointDetection, joint_detection

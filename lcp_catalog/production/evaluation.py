@@ -31,7 +31,8 @@ from ..landmarks.detection import (
 )
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import Registration, harris_response, light_of, registration
-from ..landmarks.patches import POINT_SPREAD_PX, halved, halved_changes, patches_of, through_optics
+from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
+from ..landmarks.point_spread import POINT_SPREAD_PX
 from ..landmarks.uniqueness import RING, RIVALS, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
 from .patch_light import PatchLight

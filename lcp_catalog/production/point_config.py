@@ -174,7 +174,7 @@ class PointConfig:
     point_spread_px: float | None = meant(
         None,
         "1 sigma of an image's point spread, pixels.",
-        default="0.5",  # `landmarks.patches.POINT_SPREAD_PX`
+        default="0.5",  # `landmarks.point_spread.POINT_SPREAD_PX`
         least=0.0,
         most=0.9,
     )
