@@ -26,7 +26,7 @@ def command(catalogs: tuple[str, ...], output: str, overwrite: bool) -> None:
     with more usable conditions is kept, as in a build. The catalogues must have the same Suns, views, image scales, patch
     sizes and errors. Their order does not change the output.
     """
-    from lcp_catalog.production.run import merge
+    from lcp_catalog.production.public import merge
 
     if len(catalogs) < 2:
         raise click.UsageError("name at least two catalogues")

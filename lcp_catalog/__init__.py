@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from .navigation.expected_position import query_trajectory as query_trajectory
     from .navigation.site_windows import windows as windows
     from .production.config import BuildConfig as BuildConfig
-    from .production.run import build_catalog as build_catalog
-    from .production.run import merge as merge
+    from .production.public import build_catalog as build_catalog
+    from .production.public import merge as merge
     from .production.warm_up import warm_up as warm_up
     from .rendering.public import render as render
     from .simulation.detector import Detector as Detector
@@ -72,7 +72,7 @@ _MODULES = {
     "Sun": "light.sun_choice",
     "SunChoice": "light.sun_choice",
     "Uncertainty": "cameras.sensor",
-    "build_catalog": "production.run",
+    "build_catalog": "production.public",
     "camera_info": "navigation.camera_info",
     "cameras_from_ccsds": "cameras.ccsds",
     "choose_points": "matching.point_choice",
@@ -85,7 +85,7 @@ _MODULES = {
     "inspect": "catalog.comparison",
     "instant_range": "ephemeris.times",
     "locate": "matching.position_fix",
-    "merge": "production.run",
+    "merge": "production.public",
     "open_catalog": "catalog.verification",
     "open_image": "images.image_file",
     "query": "navigation.expected_position",

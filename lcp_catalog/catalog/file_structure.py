@@ -23,7 +23,6 @@ from .layout import (
     OPTIONAL_ATTRIBUTES,
     OPTIONAL_GROUP_ATTRIBUTES,
     TEXT,
-    earlier_flags,
     grid_mapping,
     key,
     variable_attributes,
@@ -77,13 +76,7 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                 )
                 faults = [
                     *_type_faults(dataset, members[short], dims),
-                    *min(
-                        (
-                            list(_attribute_faults(dataset, one))
-                            for one in (expected, expected | earlier_flags(short))
-                        ),
-                        key=len,
-                    ),
+                    *_attribute_faults(dataset, expected),
                 ]
                 faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
                 problems += [f"{key(group, short)}: {fault}" for fault in faults]

@@ -179,7 +179,8 @@ def variable_attributes(
             "flag_meanings": " ".join(FLAG_MEANINGS),
         }
     if name in _CODES:
-        found |= _flags(_CODES[name])
+        codes = np.array(list(_CODES[name]), np.uint8)
+        found |= {"flag_values": codes, "flag_meanings": " ".join(_CODES[name].values())}
     if name in PACKED:
         found |= packing(name, sigma_step_m).attributes
     if variable.dims[0] == "place" and len(variable.dims) > 1:
@@ -190,21 +191,6 @@ def variable_attributes(
         whole = variable.dtype == "u1"  # GDAL reads NaN as 0 without a fill value
         found["_FillValue"] = np.uint8(NO_CELL) if whole else np.float32(np.nan)
     return found | _places(group, name, variable)
-
-
-def _flags(codes: Mapping[int, str]) -> dict[str, Any]:
-    return {
-        "flag_values": np.array(list(codes), np.uint8),
-        "flag_meanings": " ".join(codes.values()),
-    }
-
-
-def earlier_flags(name: str) -> dict[str, Any]:
-    """The attributes of causes in a file without `Cause.NOT_EXAMINED`, as version 0.3.0 writes and reads them; empty for
-    other variables.
-    """
-    known = {code: word for code, word in _CODES["cause"].items() if code < Cause.NOT_EXAMINED}
-    return _flags(known) if name == "cause" else {}
 
 
 _VIEWS = "view_off_nadir view_azimuth view_altitude"

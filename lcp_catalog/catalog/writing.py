@@ -33,19 +33,10 @@ from .integrity import (
     content_digest,
     digest_table,
 )
-from .layout import (
-    CRS,
-    GROUPS,
-    TEXT,
-    Values,
-    earlier_flags,
-    grid_mapping,
-    key,
-    variable_attributes,
-)
+from .layout import CRS, GROUPS, TEXT, Values, grid_mapping, key, variable_attributes
 from .maps import coverage_levels, coverage_map
 from .model import Coverage, Promise
-from .schema import Cause, Variable
+from .schema import Variable
 
 _CHUNK_BYTES = 2**18
 
@@ -285,8 +276,6 @@ class NewCatalog:
         stated = variable_attributes(
             group, name, variable, self._head.sigma_step_m or 1.0, self._head.overview.projection
         )
-        if (earlier := earlier_flags(name)) and not (array == Cause.NOT_EXAMINED).any():
-            stated |= earlier
         dataset = place.create_dataset(
             name,
             shape,

@@ -30,7 +30,7 @@ from .sweep import lowest_off_nadir_deg
 log = logging.getLogger(__name__)
 
 
-START_MB = 309.0
+START_MB = 284.0
 """The package with its kernels, and a small part of a DEM. 150 MB of it are mapped files of libraries. Linux
 maps 80 to 106 MB more of files that have just been installed (until they leave the page cache); these pages, which
 processes share and the system can evict, are not counted."""

@@ -27,7 +27,7 @@ from ..geometry.bounds import turned_deg
 from ..plots.numbers import number, page
 from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
-from ..production.run import planned_build
+from ..production.public import planned_build
 from .charts import Row, knobs_chart, pareto, share_text, times
 from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
 from .knob_table import (

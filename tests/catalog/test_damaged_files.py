@@ -19,6 +19,7 @@ import pytest
 from helpers import catalogs, damaged_catalogs
 from helpers.commands import run
 
+from lcp_catalog import child_process
 from lcp_catalog.catalog import file_structure, verification
 from lcp_catalog.catalog.report import write_report
 from lcp_catalog.catalog.verification import open_catalog, verify
@@ -79,7 +80,6 @@ def test_a_bit_on_which_hdf5_crashes_is_one_line(
 
 def _forked(call: Callable) -> Callable:
     """`call_apart` by a fork, whatever threads the tests before have started."""
-    from lcp_catalog import child_process
 
     def forced(*given: object) -> object:
         with pytest.MonkeyPatch.context() as patch:
@@ -271,6 +271,8 @@ def test_a_system_that_fails(
         raise RuntimeError("Can't decrement id ref count (unable to close file)")
 
     closed = h5py.File.close
+    # a process that is forked has the functions of this test, whatever threads earlier tests have left
+    monkeypatch.setattr(child_process, "_single_thread", lambda: True)
     if what == "open":
         monkeypatch.setattr(h5py, "File", no_more)
     else:

@@ -176,6 +176,14 @@ def _damaged(catalog: Path, kind: str) -> bytes:
     return copy.read_bytes()
 
 
+def _put(words: Words, inputs: Path) -> dict[str, bytes]:
+    """Put the inputs of a command into the working folder; their names and contents."""
+    files = words.inputs(inputs)
+    for file, content in files.items():
+        Path(file).write_bytes(content)
+    return dict(files)
+
+
 USES = _uses(".h5")
 
 
@@ -193,8 +201,7 @@ def test_a_damaged_catalogue_is_refused(
     """The fast test takes every third kind, others for the next command."""
     monkeypatch.chdir(tmp_path)
     words = COMMANDS[name]
-    for file, content in words.inputs(inputs).items():
-        Path(file).write_bytes(content)
+    _put(words, inputs)
     before = set(Path().iterdir())
     assert run(words.line.split()) in (0, 4), capsys.readouterr()
     capsys.readouterr()
@@ -301,9 +308,7 @@ def test_a_damaged_kernel_message_or_camera_is_refused(
     """
     monkeypatch.chdir(tmp_path)
     words = COMMANDS[name]
-    files = words.inputs(inputs)
-    for file, content in files.items():
-        Path(file).write_bytes(content)
+    files = _put(words, inputs)
     assert run(words.line.split()) == 0
     output = Path(words.line.split()[-1])
     whole = output.read_bytes()

@@ -189,12 +189,14 @@ def test_the_heart_beats_while_a_step_runs(
     monkeypatch.setattr(module, "_BEAT_S", 0.01)
     monkeypatch.setattr(module, "_FIRST_S", 0.05)
     monkeypatch.setattr(module, "_EVERY_S", {False: 0.05, True: 0.05})
+    others = threading.active_count()  # of tests that ran before
     with alive("build"), progress("areas") as update:
         update(0, 3)
         time.sleep(0.5)
+        assert threading.active_count() == others + 1
         before = capsys.readouterr().err
         with child_process.resting():
-            assert threading.active_count() == 1
+            assert threading.active_count() == others
         time.sleep(0.5)
     assert before.count("areas: 0 of 3, ") >= 2
     assert capsys.readouterr().err.count("areas: 0 of 3, ") >= 2

@@ -15,7 +15,8 @@ import pytest
 from helpers.catalogs import HADLEY
 from lcp_cli.build_options import NUMBERS
 
-from lcp_catalog.production import run
+from lcp_catalog.catalog.verification import open_catalog
+from lcp_catalog.production import public
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.cures import Trial, Yield, cures
 from lcp_catalog.production.run import Build, BuildRun
@@ -156,7 +157,7 @@ def test_the_effect_is_that_of_a_build_of_the_part(
     assert "tried on 2 x " in second
     part = {"area.center_deg": (3.5, 26.0), "area.size_km": 45.5, "points.footprint_km": 60.0}
     config = SMALL.replaced(part)
-    run.build_catalog(HADLEY, tmp_path / "part.h5", config=config)
-    own = Yield.of(run.stored_catalog(run.StoredFile.of(tmp_path / "part.h5")))
+    public.build_catalog(HADLEY, tmp_path / "part.h5", config=config)
+    own = Yield.of(open_catalog(tmp_path / "part.h5"))
     assert run_._small(config) == own
     assert own.conditions > 0

@@ -30,13 +30,13 @@ FINE = BuildConfig(
     model=ModelConfig(area_nodes_max=1024, direction_tolerance_deg=2.0),
 )
 REGION = Area(3.5, 26.0, 50.0)
-GENEROUS_GB, TIGHT_GB = 2.0, 0.45
+GENEROUS_GB, TIGHT_GB = 2.0, 0.425
 
 
 @pytest.mark.parametrize("latitude", [26.0, -88.0])
 def test_areas_follow_the_promise(latitude: float) -> None:
     region, sizes = Area(3.5, latitude, 50.0), []
-    for memory_gb in (GENEROUS_GB, 0.6, TIGHT_GB):
+    for memory_gb in (GENEROUS_GB, 0.575, TIGHT_GB):
         config, _, tasks = divided(region, FINE, memory_gb)
         assert worker_mb(tasks, config, memory_gb) <= memory_gb * 1e3
         assert (config.model.area_nodes_max, tasks) == (

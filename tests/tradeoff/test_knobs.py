@@ -18,7 +18,8 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import BuildConfig
-from lcp_catalog.production.run import Build, build_catalog
+from lcp_catalog.production.public import build_catalog
+from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
 from lcp_catalog.tradeoff.image_errors import ModelChanges
 from lcp_catalog.tradeoff.knobs import Setting, proposal, window_shifts
