@@ -25,6 +25,7 @@ from lcp_catalog.production.config import AreaConfig, BuildConfig
 from lcp_catalog.production.estimate import estimate
 from lcp_catalog.production.merging import merge_catalogs
 from lcp_catalog.production.run import Build, BuildPart, BuildRun
+from lcp_catalog.production.worker_memory import CACHES_MIN_MB, MARGIN_MB, START_MB
 
 
 @pytest.fixture(scope="module")
@@ -327,7 +328,7 @@ def test_less_memory_divides_every_level(dems: tuple[Path, Path]) -> None:
     """The areas then are others, and none of a build with more memory is kept for them."""
     model = dataclasses.replace(CONFIG.model, area_nodes_max=512)
     wide = Build.plan(dems, config := dataclasses.replace(CONFIG, model=model))
-    tight = Build.plan(dems, config, memory_gb=0.388)
+    tight = Build.plan(dems, config, memory_gb=(START_MB + MARGIN_MB + CACHES_MIN_MB + 7.0) / 1e3)
     for less, level in zip(tight.levels, wide.levels, strict=True):
         assert less.recipe.config.model.area_nodes_max < level.recipe.config.model.area_nodes_max
         assert len(less.jobs) > len(level.jobs)
