@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -207,6 +207,8 @@ class Asked:
     as_json: bool
     output: str | None
     overwrite: bool
+    lacking: list[str] = field(default_factory=list)
+    """What would help the first frame of a trajectory without a position, if any."""
 
 
 def _one(asked: Asked) -> None:
@@ -230,9 +232,21 @@ def _one(asked: Asked) -> None:
         from lcp_catalog.navigation.camera_info import blind_to_points
 
         line += f"; {blind_to_points(catalog, answer.frame.sensor)}"
+    line += _cures(asked, answer)
     echo(line, err=asked.as_json)
     if output is not None:
         say(f"{output}: {len(answer.rows)} points written")
+
+
+def _cures(asked: Asked, answer: Answer) -> str:
+    """The cheapest catalogues that may give a position, as the end of a sentence; empty if there is one, or if fewer points were
+    asked for.
+    """
+    from lcp_catalog.navigation.better_catalog import better_catalog
+
+    if answer.position.covariance is not None or len(answer.rows) < answer.usable:
+        return ""
+    return better_catalog(asked.catalog, answer.frame, planned=True)
 
 
 def _along(asked: Asked, plot: str | None, title: str) -> None:
@@ -253,7 +267,7 @@ def _along(asked: Asked, plot: str | None, title: str) -> None:
             aside.open("w", encoding="utf-8", newline="") as file,
         ):
             file.writelines(documents.frames_csv(found))
-    for line in chart.summary():
+    for line in [*chart.summary(), *asked.lacking]:
         echo(line, err=asked.as_json)
     if plot is not None:
         write_bytes(plot, chart.encode(plot, title), asked.overwrite)
@@ -270,6 +284,8 @@ def _told(asked: Asked, chart: TrajectoryChart) -> Iterator[Answer]:
     with progress("frames") as update:
         for done, answer in enumerate(answers(asked.catalog, asked.images, asked.query), 1):
             chart.add(answer)
+            if not asked.lacking and (cures := _cures(asked, answer)):
+                asked.lacking.append(f"{answer.frame.time_utc or f'frame {done}'}: {cures[2:]}")
             if asked.as_json:
                 text = json.dumps(document(answer, asked.catalog), allow_nan=False)
                 click.echo(("[" if done == 1 else ",\n") + text, nl=False)

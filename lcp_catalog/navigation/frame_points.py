@@ -9,11 +9,12 @@ import numpy as np
 
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, altitude_km, pixel_size_m
-from ..cameras.view import center_of
+from ..cameras.view import center_of, optical_axis
 from ..catalog import prediction
 from ..catalog.catalogue import Catalog
 from ..catalog.prediction import Prediction, predict
 from ..geometry.frames import EnuFrame
+from ..images.image import Image
 from ..light.sun_choice import SunChoice
 from ..matching.point_choice import points_in_view, usual_reductions
 
@@ -43,6 +44,11 @@ class PlannedImage:
         lon_deg, lat_deg = center_of(sensor) if sun.azimuth_deg is not None else (0.0, 0.0)
         time = sun.time_utc or sensor.time_utc
         return cls(sensor, sun.direction_mcmf(EnuFrame(lon_deg, lat_deg), sensor), time)
+
+    @classmethod
+    def of(cls, image: Image) -> PlannedImage:
+        """An image that was taken, under the Sun at its sensor's place."""
+        return cls(image.sensor, image.sun_directions(optical_axis(image.sensor)[0]))
 
 
 @dataclass(frozen=True, eq=False)

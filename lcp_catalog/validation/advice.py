@@ -11,7 +11,6 @@ test over the points, as many as share no terrain), and at least half of the poi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,16 +20,14 @@ import numpy as np
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.mistakes import likely_mistake
-from ..cameras.sensor import POSE, Sensor, Uncertainty, pixel_size_m
+from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
-from ..geometry.frames import azimuth_elevation
 from ..images.image import Image
 from ..matching.consensus import independent_share
 from ..matching.point_choice import evenly, patch_width_px, points_in_view, working_image
 from ..matching.point_search import Criteria, find_points
 from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from ..matching.search_area import perhaps_in_view
-from ..navigation.frame_points import PlannedImage, points_of_frames
 from ..photometry.laws import Reflectance
 from .ground_comparison import WindowComparison
 
@@ -209,70 +206,6 @@ def _turned(image: Image, locate: Callable[[Image], Fix]) -> str:
                 f"rotation_mcmf_to_camera from the left by {turn.tolist()}"
             )
     return ""
-
-
-_MOSTLY = 0.5
-"""Share of usable points in view below which a catalogue for the image is priced."""
-
-
-def better_catalog(catalog: Catalog, image: Image) -> str:
-    """That few of the points in view are usable in an image, why, and the two cheapest catalogues that may have
-    more, each with its work as a multiple of this one's and the most points that it can add, as the end of a sentence; empty
-    if most are usable, and for an image without a camera's place. The work of a build is proportional to views, Suns and
-    cells. A cause whose points lack a claim is taken away by the claim: at most all of them become usable. What finer cells or
-    brightness do for a claimed point needs another build.
-    """
-    if image.sensor.corrections != POSE or not len(points_in_view(catalog, image.sensor)):
-        return ""
-    rows = points_in_view(catalog, image.sensor)
-    sun = image.sun_directions(catalog.position_mcmf[rows]).mean(axis=0)
-    (points,) = points_of_frames(catalog, [PlannedImage(image.sensor, sun / np.linalg.norm(sun))])
-    counts = points.counts
-    seen, usable = counts.pop("in_view"), counts.pop("usable")
-    if usable >= _MOSTLY * seen:
-        return ""
-    up = points.rotation @ (sun / np.linalg.norm(sun))
-    _, above = azimuth_elevation(up.mean(axis=0))
-    towards = np.einsum(
-        "nij,nj->ni", points.rotation, image.sensor.towards(catalog.position_mcmf[rows])
-    )
-    around, over = azimuth_elevation(towards.mean(axis=0))
-    views, suns = len(catalog.view_off_nadir), len(catalog.sun_elevation)
-    node = math.floor(above) if above < catalog.sun_elevation.min() else math.ceil(above)
-    cell_m, pixel_m = float(np.median(catalog.gsd[rows])), float(np.median(points.pixel_m))
-    known = {
-        "sun": (1.0 + 1.0 / suns, f"`sun.elevations_deg` with {node:.0f}"),
-        "view": (
-            1.0 + 1.0 / views,
-            f"a view {90.0 - over:.0f} deg off nadir at azimuth {around:.0f}",
-        ),
-        "scale": ((cell_m / pixel_m) ** 2, f"`area.gsd_m` {pixel_m:.3g}"),
-        "detection": (4.0, f"`area.gsd_m` {0.5 * cell_m:.3g}, if the DEM resolves it"),
-    }
-    if catalog.albedo_map is None:
-        known["detection "] = (1.0, "an albedo map")
-    causes = {name: count for name, count in counts.items() if count}
-    priced = sorted(
-        (cost, text, name)
-        for name, (cost, text) in known.items()
-        if counts[name.strip()] > 0.1 * seen
-    )
-    told = ", ".join(f"{name} {count}" for name, count in causes.items())
-    better = "; ".join(
-        f"{text}, "
-        + (
-            "whose effect only a build can tell,"
-            if name.startswith("detection")
-            else f"for at most {counts[name]} points more,"
-        )
-        + f" at {cost:.2g} times the work"
-        for cost, text, name in priced[:2]
-    )
-    return f"; of {seen} points in view {usable} are usable here (else {told}): " + (
-        f"a catalogue that may have more: {better}"
-        if better
-        else "no other catalogue is known to have more"
-    )
 
 
 def _camera(catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: float) -> str:

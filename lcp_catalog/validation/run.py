@@ -47,6 +47,8 @@ from ..matching.position_fix import (
     locate,
 )
 from ..matching.search_area import perhaps_in_view
+from ..navigation.better_catalog import better_catalog
+from ..navigation.frame_points import PlannedImage
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
@@ -54,7 +56,6 @@ from .advice import (
     EncodingCheck,
     advised,
     albedo_advice,
-    better_catalog,
     check_encoding,
     opposite_advice,
     turned_or_unlit,
@@ -312,7 +313,7 @@ def _searched(
         located = advised(located, catalog, image.sensor, request.uncertainty, sigmas)
         if located.pose is None:
             more = turned_or_unlit(located, catalog, image, partial(place, catalog))
-            more = more or better_catalog(catalog, image)
+            more = more or better_catalog(catalog, PlannedImage.of(image))
             located = replace(located, reason=located.reason + more)
         return _EncodedSearch(image, catalog, located)
 

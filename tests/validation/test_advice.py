@@ -4,22 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import posed
 from helpers.lone_hill import above_it, bump_catalog
-from helpers.navigable import everywhere_usable
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.ephemeris.solar_position import direction_from_angles
-from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches
-from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from lcp_catalog.validation import advice
 from lcp_catalog.validation.advice import (
     advised,
     albedo_advice,
-    better_catalog,
     opposite_advice,
     turned_or_unlit,
 )
@@ -114,21 +108,3 @@ def test_an_image_that_is_turned_or_dark_is_explained(bump, above) -> None:
     assert turned_or_unlit(unsaid, bump, image, locate) == ""
     dark = replace(image, sun_direction_mcmf=-sun)
     assert "; the Sun is 90.0 deg below" in turned_or_unlit(REFUTED, bump, dark, locate)
-
-
-@pytest.mark.parametrize("elevation", [20.0, 88.0])
-def test_a_catalogue_for_the_image_is_priced(elevation: float) -> None:
-    """Every point works under the Suns of the catalogue; one far above them needs a row of its own."""
-    catalog, camera = everywhere_usable(40), posed.camera()
-    place = EnuFrame(*mcmf_to_lonlat(camera.position_mcmf_m)[:2])
-    sun = direction_from_angles(place, 90.0, elevation)
-    blank = np.zeros(camera.shape, np.float32)
-    text = better_catalog(catalog, Image("i", blank, blank, camera, sun_direction_mcmf=sun))
-    seen = len(points_in_view(catalog, camera))
-    if elevation == 20.0:
-        assert text == ""
-        return
-    assert f"; of {seen} points in view 0 are usable here (else sun {seen}): " in text
-    price = 1.0 + 1.0 / len(catalog.sun_elevation)
-    more = f"`sun.elevations_deg` with 88, for at most {seen} points more, at {price:.2g} times"
-    assert f"a catalogue that may have more: {more} the work" in text
