@@ -56,6 +56,9 @@ _MEANT, _BEGUN = 0.6, 0.7
 to be begun: the first one, of the build as it is, takes longer than the others.
 """
 
+_SMALLER = 0.9
+"""Greatest part of a search radius that counts as a smaller one."""
+
 _HIGH_DEG = 65.0
 """A high Sun that is tried where shadows prevail."""
 
@@ -198,12 +201,12 @@ class Trial:
         if not found:
             return f"no change of the configuration is known to help ({why})"
         if self.limit_s <= 0.0 or not places:
-            return f"these may help (not tried): {_priced(found[:_NAMED])} ({why})"
+            return f"these may help (not tried): {self._priced(found[:_NAMED])} ({why})"
         side, few = self._affordable(found, len(places))
         if not few:
             return (
-                f"these may help (not tried: it would take longer than {self.limit_s:.0f} s; `try_cures_s` gives more "
-                f"time): {_priced(found[:_NAMED])} ({why})"
+                f"these may help (not tried: it would take longer than {_seconds(self.limit_s)}; `try_cures_s` gives more "
+                f"time): {self._priced(found[:_NAMED])} ({why})"
             )
         return self._told(side, few, places, why, found[len(few) :])
 
@@ -230,8 +233,8 @@ class Trial:
                 continue
             after, _ = self._yield(cure.changes, side, places)
             if after is None:
-                untried.append(cure)
-            elif effect := _effect(before, after):
+                continue
+            if effect := _effect(before, after):
                 helps.append((cure, effect))
             else:
                 useless.append(cure)
@@ -239,17 +242,25 @@ class Trial:
         where = f"tried on {len(places)} x {km:.3g} x {km:.3g} km of the region"
         parts = []
         if helps:
-            named = "; ".join(f"{_priced([cure])}: {text}" for cure, text in helps[:_NAMED])
+            named = "; ".join(f"{self._priced([cure])}: {text}" for cure, text in helps[:_NAMED])
             parts.append(f"{where}, these help: {named}")
         elif useless:
             parts.append(f"{where}, no change helps ({why})")
         else:
-            parts.append(f"no change could be tried in {self.limit_s:.0f} s ({why})")
+            parts.append(f"no change could be tried in {_seconds(self.limit_s)} ({why})")
         if useless:
             parts.append(f"without effect: {', '.join(map(str, useless))}")
         if untried or dear:
-            parts.append(f"not tried: {_priced([*untried, *dear])}")
+            parts.append(f"not tried: {self._priced([*untried, *dear])}")
         return "; ".join(parts)
+
+    def _priced(self, some: Sequence[Cure]) -> str:
+        """Changes with what they cost: the work, and what it takes at the pace of this build."""
+        return "; ".join(
+            f"{cure} (against {cure.cause}) at {cure.work:.2g} times the work"
+            + (f", {_seconds(cure.work * self.spent_s)} of processor time" if self.spent_s else "")
+            for cure in some
+        )
 
     def _affordable(self, found: Sequence[Cure], places: int) -> tuple[int, list[Cure]]:
         """The side of the ground at a place, nodes, and the changes that are tried there: as many as the time allows."""
@@ -310,11 +321,9 @@ def _effect(before: Yield, after: Yield) -> str:
     return ""
 
 
-def _priced(some: Sequence[Cure]) -> str:
-    """Changes with what they cost."""
-    return "; ".join(
-        f"{cure} (against {cure.cause}) at {cure.work:.2g} times the work" for cure in some
-    )
+def _seconds(seconds: float) -> str:
+    """A time in words, to two digits below 10 s: never 0 s."""
+    return f"{seconds:.2g} s" if seconds < 10.0 else f"{seconds:.0f} s"
 
 
 def cures(build: Build, causes: Mapping[str, float]) -> list[Cure]:
@@ -328,7 +337,9 @@ def cures(build: Build, causes: Mapping[str, float]) -> list[Cure]:
             continue
         for changes in _against(build, cause):
             try:
-                cost = _work(build, config.replaced(changes)) / _work(build, config)
+                changed = config.replaced(changes)
+                changed.points.check_cells(changed.area.gsd_m or build.recipe.gsd_m)
+                cost = _work(build, changed) / _work(build, config)
             except ConfigError:  # a search radius below the patch, a cell that the spacing forbids
                 continue
             cure = Cure(changes, cause, cost)
@@ -370,7 +381,9 @@ def _of_ground(build: Build, config: BuildConfig, cause: str) -> Iterator[dict[s
 def _of_points(points: PointConfig, cell_m: float, cause: str) -> Iterator[dict[str, Any]]:
     """Changes of what a point is."""
     if cause == "ambiguous":
-        yield {"points.search_m": float(f"{0.5 * points.search_nodes(cell_m) * cell_m:.2g}")}
+        nodes = max(0.5 * points.search_nodes(cell_m), points.half)
+        if nodes < _SMALLER * points.search_nodes(cell_m):
+            yield {"points.search_m": float(f"{nodes * cell_m:.2g}")}
     if cause in ("ambiguous", "featureless"):
         yield {"points.patch_nodes": 2 * round(0.75 * points.patch_nodes) + 1}
     if cause == "few":

@@ -26,7 +26,9 @@ CONFIG = BuildConfig(
     sun=SunConfig(azimuths_deg=(90.0, 105.0, 120.0), elevations_deg=(10.0, 20.0, 30.0)),
     view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
 ).replaced({"points.search_m": 20_000.0, "model.albedo": "none"})
-SMALL = replace(CONFIG, area=replace(CONFIG.area, size_km=60.0, gsd_m=948.0))
+SMALL = replace(CONFIG, area=replace(CONFIG.area, size_km=60.0, gsd_m=948.0)).replaced(
+    {"points.search_m": 40_000.0}
+)
 
 
 def planned(config: BuildConfig) -> Build:
@@ -99,12 +101,12 @@ def test_only_what_helps_is_named() -> None:
 
     def measure(config: BuildConfig) -> Yield:
         asked.append(config)
-        return Yield(5, 30 if config.points.search_m == 10_000.0 else 20, 100)
+        return Yield(5, 30 if config.points.search_m == 20_000.0 else 20, 100)
 
     text = advice(measure, {"ambiguous": 0.6, "few": 0.01})
     assert re.match(
-        r"tried on 2 x \S+ x \S+ km of the region, these help: `points.search_m` 10 km \(against ambiguous\) at 1 times "
-        r"the work: the promise is kept in 30 % there \(20 % without\); without effect: ",
+        r"tried on 2 x \S+ x \S+ km of the region, these help: `points.search_m` 20 km \(against ambiguous\) at 1 times "
+        r"the work, \S+ s of processor time: the promise is kept in 30 % there \(20 % without\); without effect: ",
         text,
     )
     assert "`points.patch_nodes` 51" in text.partition("without effect")[2]
@@ -128,8 +130,9 @@ def test_points_where_there_were_none_help() -> None:
     text = advice(
         lambda config: Yield(3 if config.points.patch_nodes == 51 else 0), {"ambiguous": 9}
     )
-    assert (
-        "`points.patch_nodes` 51 (against ambiguous) at 2.4 times the work: 6 points there" in text
+    assert re.search(
+        r"`points.patch_nodes` 51 \(against ambiguous\) at 2.4 times the work, \S+ s of processor time: 6 points there",
+        text,
     )
 
 
@@ -142,7 +145,28 @@ def test_no_more_time_than_is_given() -> None:
     for limit_s in (0.0, 1e-3):
         text = advice(never, {"ambiguous": 0.6}, limit_s)
         assert text.startswith("these may help (not tried")
-        assert "`points.search_m` 10 km (against ambiguous) at 1 times the work" in text
+        assert "`points.search_m` 20 km (against ambiguous) at 1 times the work" in text
+    assert "it would take longer than 0.001 s; " in text
+
+
+def test_a_price_is_a_time_of_this_build() -> None:
+    """The work of the build took 1e-5 s a node; half the search radius is as much again, larger patches 2.4 times."""
+    build = planned(SMALL)
+    for seconds in (0.01, 4.0, 300.0):
+        causes = {"ambiguous": 0.6}
+        text = Trial(build, lambda config: Yield(0), 0.0, seconds).advice(causes, [])
+        prices = re.findall(r"at (\S+) times the work, ([\d.]+) s of processor time", text)
+        assert len(prices) == 2
+        for work_, price in prices:
+            assert float(price) == pytest.approx(float(work_) * seconds, rel=0.06)
+    unknown = Trial(build, lambda config: Yield(0), 0.0, 0.0).advice({"ambiguous": 0.6}, [])
+    assert "processor time" not in unknown
+
+
+def test_a_change_that_is_refused_is_not_named() -> None:
+    """Half of the usual 8 km is less than half a patch of 33 cells of 474 m, and a half patch is hardly less than the radius."""
+    build = planned(CONFIG.replaced({"points.search_m": None}))
+    assert not any("points.search_m" in one.changes for one in cures(build, {"ambiguous": 1.0}))
 
 
 def test_the_effect_is_that_of_a_build_of_the_part(
