@@ -42,6 +42,8 @@ def _described(path: str) -> dict[str, Any]:
 def _text(path: str, found: dict[str, Any]) -> str:
     lines = [f"{path}: {'intact' if found['intact'] else 'NOT INTACT'}"]
     lines += [f"  {problem}" for problem in found["problems"]]
+    if any("a TIFF image" in problem for problem in found["problems"]):
+        lines.append(f"  of a DEM: lcp dem info {path}")
     if found["points"] is not None and path.lower().endswith(FLIGHT):
         from lcp_catalog.exports.flight import flight_rows
 

@@ -15,7 +15,7 @@ from itertools import accumulate
 
 import click
 
-from lcp_catalog import child_process
+from lcp_catalog import child_process, stages
 
 from . import messages
 from .messages import is_json, say
@@ -82,11 +82,13 @@ def alive(name: str) -> Iterator[None]:
     terminal, lines now and then elsewhere.
     """
     lines = _Lines(name, ())
-    lines.state = "working"
+    lines.enter("working")
+    before, stages.told = stages.told, lines.enter
     try:
         with _beating(lines.beat):
             yield
     finally:
+        stages.told = before
         messages.clear()
 
 
@@ -193,7 +195,11 @@ class _Lines:
         self._label, self._pace = label, _Pace(weights)
         self._said_at = -math.inf if is_json() else 0.0
         self._began = time.monotonic()
-        self.state = "preparing"
+        self.state, self._lone = "preparing", False
+
+    def enter(self, stage: str) -> None:
+        """A task without counted steps is at another stage."""
+        self.state, self._lone = stage, True
 
     def _is_due(self, least_s: float) -> bool:
         """So much time has passed since the last line that there is another one."""
@@ -210,7 +216,7 @@ class _Lines:
         self._said_at = time.monotonic()
         passed = self._said_at - self._began
         text = f"{self._label}: {self.state}, {duration_text(passed)} so far"
-        if self.state == "working" and not is_json() and sys.stderr.isatty():
+        if self._lone and not is_json() and sys.stderr.isatty():
             messages.replace_line(text)
         else:
             say(text, "progress", label=self._label, seconds=passed)

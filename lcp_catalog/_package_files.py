@@ -1,6 +1,6 @@
 """Files that the package hands out: the sample data (a DEM, an albedo map, a photograph with its camera, what builds a
 catalogue of them, examples and schemas), the C reference of the flight file with its test vector, the how-to pages and
-the reference of camera files.
+those of the reference.
 """
 
 from __future__ import annotations
@@ -46,10 +46,14 @@ def sample_folder() -> Path:
     return _folder("sample_data", "sample_data")
 
 
+_MADE = ("api", "commands")
+"""Pages that only a build of the documentation fills."""
+
+
 def pages() -> dict[str, str]:
-    """The how-to pages and the reference of camera files, Markdown without comments, by the names of their files."""
-    files = [*_folder("howto", "docs/howto").glob("*.md")]
-    files.append(_folder("reference", "docs/reference") / "cameras.md")
+    """The how-to pages and those of the reference, Markdown without comments, by the names of their files."""
+    folders = _folder("howto", "docs/howto"), _folder("reference", "docs/reference")
+    files = [path for folder in folders for path in folder.glob("*.md") if path.stem not in _MADE]
     texts = sorted((path.stem, path.read_text(encoding="utf-8")) for path in files)
     return {name: re.sub(r"<!--.*?-->\n*", "", text, flags=re.S) for name, text in texts}
 

@@ -86,3 +86,6 @@ EXPORT_FOLDERS = (".lmk", ".spc")
 
 FRAMES = ("MOON_ME", "MOON_PA")
 """Moon-fixed frames of exports: mean Earth, in which catalogues are, and principal axes."""
+
+SCHEMA = "$schema"
+"""Key of a file that tells an editor where the file's JSON schema is; not read."""

@@ -13,6 +13,9 @@ from helpers import schemas, verdicts
 from lcp_cli.main import run
 
 from lcp_catalog import __version__
+from lcp_catalog.cameras.frame_camera import camera_from_json
+from lcp_catalog.errors import CameraError, ConfigError
+from lcp_catalog.production.config import BuildConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -40,8 +43,16 @@ def test_files_fit_their_schemas_and_misspelt_ones_do_not() -> None:
         section = next(iter(document))
         assert not build.is_valid({section: document[section] | {"spacin_m": 1.0}})
     assert not build.is_valid({"points": {"spacing_m": -1.0}})
+    assert BuildConfig.from_dict({"$schema": "schemas/build.json"}) == BuildConfig()
+    with pytest.raises(ConfigError, match=r"unknown section \[\$schem\]"):
+        BuildConfig.from_dict({"$schem": "schemas/build.json"})
     document = json.loads((ROOT / "sample_data/AS15-M-0414_camera.json").read_text())
     camera.validate(document)
+    named = document | {"$schema": "schemas/camera.json"}
+    camera.validate(named)
+    assert camera_from_json(named).position_mcmf_m.tolist() == document["position_mcmf_m"]
+    with pytest.raises(CameraError, match="no key \\$schem;"):
+        camera_from_json(document | {"$schem": ""})
     assert not camera.is_valid(document | {"focal_lenght_px": 1.0})
     assert not camera.is_valid({k: v for k, v in document.items() if k != "image_size_px"})
 
@@ -62,7 +73,12 @@ def test_every_package_has_its_licence_noted_and_is_in_the_recipe() -> None:
 def test_pages_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["help"]) == 0
     names = re.findall(r"^(\S+) {2,}", capsys.readouterr().out, re.M)
-    assert names == sorted(["cameras", *(p.stem for p in (ROOT / "docs/howto").glob("*.md"))])
+    pages = [*(ROOT / "docs/howto").glob("*.md"), *(ROOT / "docs/reference").glob("*.md")]
+    assert names == sorted({path.stem for path in pages} - {"api", "commands"})
+    assert run(["help", "sun"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("# ")
+    assert text.endswith("\nOptions of the command: lcp sun --help\n")
     assert run(["help", "cameras"]) == 0
     assert "## CAMERA.json\n" in capsys.readouterr().out
     assert run(["help", "own-dem"]) == 0
@@ -73,6 +89,13 @@ def test_pages_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.startswith("Usage: lcp merge [OPTIONS] A.h5 B.h5...")
     assert run(["help", "nothing"]) == 2
     assert "no topic 'nothing'; there are albedo-map" in capsys.readouterr().err
+    for wrong, meant in (
+        ("camera-s", "cameras"),
+        ("quary", "query"),
+        ("build-toml.md", "build-toml"),
+    ):
+        assert run(["help", wrong]) == 2
+        assert f"no topic {wrong!r}. Did you mean {meant!r}?" in capsys.readouterr().err
 
 
 def test_the_sample_is_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
+from ..choices import SCHEMA
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import Time, instants
 from ..errors import CameraError, KindError, SunError, unknown_keys
@@ -302,7 +303,7 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
     """The camera of the content of a CAMERA.json. CameraError for unknown keys, too, with the key that is alike."""
     if not isinstance(document, Mapping):
         raise CameraError(f"{name}: a camera file holds one JSON object")
-    if unknown := unknown_keys(document, (*_NEEDED, *_OPTIONAL, _NOTE)):
+    if unknown := unknown_keys(document.keys() - {SCHEMA}, (*_NEEDED, *_OPTIONAL, _NOTE)):
         raise CameraError(f"{name}: has {unknown}")
     missing = [key for key in _NEEDED if key not in document]
     if missing:

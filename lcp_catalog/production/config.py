@@ -25,6 +25,7 @@ from ..choices import (
     MOON_MAP,
     NO_MAP,
     REFLECTANCE_MODELS,
+    SCHEMA,
     SUN_SHAPES,
 )
 from ..errors import ConfigError, plain, unread
@@ -568,6 +569,7 @@ class BuildConfig:
         """The configuration of nested dictionaries, as TOML gives them."""
         sections = {f.name: f for f in dataclasses.fields(cls)}
         hints = get_type_hints(cls)
+        document = {name: table for name, table in document.items() if name != SCHEMA}
         unknown = sorted(set(document) - set(sections))
         require(
             not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}"

@@ -30,6 +30,7 @@ from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
+from ..stages import stage
 from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, terrain_from_area
@@ -236,6 +237,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
             f"{request.view.scanner.name}: is a {request.view.scanner.kind}; a background and a shadow "
             "catcher need a framing camera: give a CAMERA.json"
         )
+    stage("heights")
     dems = request.ground
     dems.require_surface()
     area, grows = area_of(request)

@@ -39,6 +39,7 @@ from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_ho
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
 from ..plots.pictures import new_axis
+from ..stages import stage
 from ..terrain.far_terrain import HorizonPoints
 from ..terrain.occlusion import occluded
 from ..terrain.relief_bounds import nodes_enu
@@ -57,11 +58,12 @@ _R = TypeVar("_R")
 
 
 def _priced(effect: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """The time of a function counts as the effect's in `priced`."""
+    """The time of a function counts as the effect's in `priced`; it is a stage of its own."""
 
     def around(function: Callable[_P, _R]) -> Callable[_P, _R]:
         @wraps(function)
         def timed(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            stage(effect)
             start, book = time.perf_counter(), _SPENT.get()
             found = function(*args, **kwargs)
             if book is not None:

@@ -19,6 +19,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from .. import stages
 from ..arrays import Array, Float32, Mask
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
@@ -144,6 +145,7 @@ def frame(
     """The frame that a camera takes of a surface. CameraError if the camera sees nothing of it."""
     count = samples or samples_for(surface.cells_per_pixel(camera))
     signal = _gathered(surface, camera, detector, count)
+    stages.stage("detector")
     scale = detector.scale_of(signal)
     return SimulatedFrame(
         signal.astype(np.float32),
@@ -246,6 +248,7 @@ def _rendered(surface: Surface, camera: Camera | Scanner) -> tuple[Float32, bool
     out, met = np.empty((rows, cols), dtype=np.float32), False
     step = max(1, _RAYS_AT_ONCE // cols)
     for row in range(0, rows, step):
+        stages.part(f"{100 * row // rows} % of the rays")
         part = windowed(camera, (row, min(row + step, rows), 0, cols))
         light = surface.radiance(part)
         dark = ~np.isfinite(light)
@@ -254,6 +257,7 @@ def _rendered(surface: Surface, camera: Camera | Scanner) -> tuple[Float32, bool
             pixels = np.argwhere(dark)[:, ::-1].astype(np.float64)
             light[dark] = np.where(_misses_moon(part, pixels), 0.0, np.nan)
         out[row : row + step] = light
+    stages.part("")
     return out, met
 
 

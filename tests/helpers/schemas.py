@@ -16,6 +16,7 @@ from lcp_catalog.production.config import BuildConfig
 
 FOLDER = Path(__file__).resolve().parents[2] / "sample_data" / "schemas"
 _HEAD = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+_NAMED = {"$schema": {"type": "string", "description": "where this schema is, for editors"}}
 _KINDS = {float: "number", int: "integer", str: "string", bool: "boolean"}
 _LIMITS = {
     "above": "exclusiveMinimum",
@@ -56,7 +57,7 @@ def build() -> dict[str, Any]:
         hints, told = get_type_hints(kind), meanings(kind)
         fields = {f.name: _field(hints[f.name], told[f.name]) for f in dataclasses.fields(kind)}
         sections[section] = _closed(fields)
-    return _HEAD | {"title": "BUILD.toml of lcp"} | _closed(sections)
+    return _HEAD | {"title": "BUILD.toml of lcp"} | _closed(_NAMED | sections)
 
 
 def _numbers(count: int, text: str) -> dict[str, Any]:
@@ -89,7 +90,9 @@ def camera() -> dict[str, Any]:
         "lens": {"type": "object", "description": "a lens model in place of distortion"},
         "simulated": {"type": "object", "description": "how a simulated frame was made; not read"},
     }
-    return _HEAD | {"title": "CAMERA.json of lcp"} | _closed(needed | optional, list(needed))
+    return (
+        _HEAD | {"title": "CAMERA.json of lcp"} | _closed(_NAMED | needed | optional, list(needed))
+    )
 
 
 def _optional_object(*names: str) -> dict[str, Any]:
@@ -115,12 +118,12 @@ def report() -> dict[str, Any]:
     }
     image["verdict"] = {"enum": ["located", "not this place", "cannot say"]}
     entry = {"type": "object", "properties": image, "required": list(image)}
-    whole = {"images": {"type": "array", "items": entry}, "claims": claims}
+    whole = _NAMED | {"images": {"type": "array", "items": entry}, "claims": claims}
     return _HEAD | {
         "title": "report.json of lcp validate",
         "type": "object",
         "properties": whole,
-        "required": list(whole),
+        "required": ["images", "claims"],
     }
 
 

@@ -81,9 +81,26 @@ def test_an_ambiguous_name_lists_the_paths() -> None:
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
     for name in ("shares", "pose", "ove_0_9", "windows", "images", "p0", "size_px"):
-        said = f"unknown name {name}; known names: verdict, points_in_view"
+        said = rf"unknown name {name}( \(\S+ is meant\?\))?; known names: verdict, points_in_view"
         with pytest.raises(ConfigError, match=said):
             Requirement.parse(f"{name}>=0")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "meant"),
+    [
+        ("points", "points_found"),
+        ("point_found", "points_found"),
+        ("offset_px.medain", "offset_px.median"),
+        ("position_eror_m", "pose.position_error_m"),
+        ("breir", "claims.brier"),
+    ],
+)
+def test_a_misspelt_name_is_told_the_nearest(wrong: str, meant: str) -> None:
+    with pytest.raises(
+        ConfigError, match=rf"unknown name {wrong} \({meant} is meant\?\); known names: "
+    ):
+        Requirement.parse(f"{wrong}>=0")
 
 
 INVALID = ("", " ", "mode", "mode>", ">0.9", "mode=0.9", "mode=>0.9", "mode>0.9,", "mode>0.9 or count>3",
