@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from .files import FileCommand, InputFile, OutputFile
+from .files import CATALOG, FileCommand, InputFile, OutputFile
 from .groups import Decorator, option_group
 from .messages import EXIT_NO, echo, say
 from .options import check_outputs, dems_option, output_option, overwrite_option
@@ -30,7 +30,7 @@ def command() -> None:
 @click.argument("camera", metavar="CAMERA.json", type=InputFile())
 @click.option(
     "--catalog",
-    type=InputFile(),
+    type=CATALOG,
     metavar="CATALOG.h5",
     help="Catalogue whose points the camera should see.",
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .files import FileCommand, InputFile, OutputFile
+from .files import CATALOG, FileCommand, OutputFile
 from .messages import EXIT_NO, echo, say
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ _VALUE_LENGTH = 60
 
 
 @click.command(cls=FileCommand, rule=True, example="lcp diff old.h5 new.h5 -o differences.csv")
-@click.argument("first", metavar="A.h5", type=InputFile())
-@click.argument("second", metavar="B.h5", type=InputFile())
+@click.argument("first", metavar="A.h5", type=CATALOG)
+@click.argument("second", metavar="B.h5", type=CATALOG)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
 @click.option(
     "-o",

@@ -10,12 +10,13 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
-from lcp_catalog.choices import MOON_MAP, NO_MAP
+from lcp_catalog.choices import INDEX, MOON_MAP, NO_MAP
 from lcp_catalog.errors import ConfigError, InputError
 
 from .help_text import write_example, write_options
@@ -26,7 +27,7 @@ log = logging.getLogger(__name__)
 FORMATS = (
     *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".hdf"}, {".json"}),
     *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
-    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}),
+    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}, {".lcpx"}),
     *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}),
 )
 """Endings of files, those of one format together. Any other ending says nothing about the format."""
@@ -273,6 +274,21 @@ def config_files(path: str) -> Iterator[Path]:
     for file in named:
         yield from RASTER.inputs(str(file))
 
+
+def shard_files(path: str) -> Iterator[Path]:
+    """The catalogues that an index names; none for another file, or an index that is refused when it is read."""
+    if path.lower().endswith(INDEX):
+        from lcp_catalog.catalog.stored import sharded
+        from lcp_catalog.catalog.verification import open_catalog
+        from lcp_catalog.errors import LcpError
+
+        with suppress(LcpError):
+            source = sharded(open_catalog(path, check=False))
+            yield from map(source.path_of, source.every) if source else ()
+
+
+CATALOG = InputFile(shard_files)
+"""A catalogue, or an index of catalogues."""
 
 RASTER = InputFile(raster_files)
 """A DEM, an image or a map."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from . import options
-from .files import FileCommand, InputFile
+from .files import CATALOG, FileCommand
 from .messages import say
 
 
@@ -15,9 +15,9 @@ from .messages import say
     nargs=-1,
     required=True,
     metavar="A.h5 B.h5...",
-    type=InputFile(),
+    type=CATALOG,
 )
-@options.output_option("C.h5")
+@options.output_option("C.h5|C.lcpx")
 @options.overwrite_option
 def command(catalogs: tuple[str, ...], output: str, overwrite: bool) -> None:
     """Join catalogues of neighbouring regions, or of several cell sizes, into one without doubles.
@@ -25,6 +25,9 @@ def command(catalogs: tuple[str, ...], output: str, overwrite: bool) -> None:
     Of points with the same id, and of points of one level that are nearer to each other than the spacing, the one
     with more usable conditions is kept, as in a build. The catalogues must have the same Suns, views, image scales, patch
     sizes and errors. Their order does not change the output.
+
+    -o C.lcpx writes an index: the points stay in their files, and every command takes it in place of a catalogue. A file
+    is opened when points of it are needed, and refused if it has changed since.
     """
     from lcp_catalog.production.public import merge
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import click
 
 from .build_options import field_option
-from .files import DEPFILE_HELP, RASTER, Files, InputFile, OutputFile
+from .files import CATALOG, DEPFILE_HELP, RASTER, Files, OutputFile
 from .groups import Decorator, collected, option_group
 from .names import in_options
 from .value_types import AZIMUTH, PLACE, Instant, Number
@@ -31,7 +31,7 @@ def dems_option(text: str) -> Decorator:
     return click.option("--dem", "dems", multiple=True, type=RASTER, metavar="DEM...", help=text)
 
 
-catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=InputFile())
+catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=CATALOG)
 
 
 area_options = option_group(

@@ -174,10 +174,12 @@ def command(
     _check(frames, output, plot)
 
     from lcp_catalog.catalog.verification import open_catalog
+    from lcp_catalog.matching.point_choice import seen_from
 
     options.check_outputs(overwrite, output, plot)
     images = frames.read(sun)
-    asked = Asked(open_catalog(catalog, check=False), images, query, as_json, output, overwrite)
+    opened = seen_from(open_catalog(catalog, check=False), [one.sensor for one in images])
+    asked = Asked(opened, images, query, as_json, output, overwrite)
     if frames.trajectory is None:
         _one(asked)
     else:

@@ -81,6 +81,9 @@ CAMERA_EXPORTS = (".json", ".bsp", ".bc")
 FLIGHT = ".lcpf"
 """Ending of a flight file."""
 
+INDEX = ".lcpx"
+"""Ending of an index of catalogues."""
+
 EXPORT_FOLDERS = (".lmk", ".spc")
 """Exports that are folders."""
 

@@ -62,7 +62,8 @@ BUDGETS = {
     # 1 two passes measured
     # 69 cheapest catalogues of a query without a position, times of cures
     # 30 stages of long calls, reference pages, nearest names of requirements, $schema
-    "code lines, lcp_catalog": 45880,
+    # 251 indexes of catalogues that stay in their files: reading, checks, making, those in view
+    "code lines, lcp_catalog": 46131,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -74,7 +75,8 @@ BUDGETS = {
     # 5 a warning once, 2 a bar that is drawn each second
     # 9 queries without a position
     # 13 stages, alike topics, the command for a DEM
-    "code lines, cli": 4236,
+    # 12 an index of catalogues as an input
+    "code lines, cli": 4248,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -98,7 +100,8 @@ BUDGETS = {
     # 82 a camera of one's own
     # 30 kernels and messages that are cut
     # 125 two passes measured
-    "words of docs": 54538,
+    # 155 indexes of catalogues
+    "words of docs": 54693,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -37,6 +37,7 @@ from .layout import (
 )
 from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
 from .schema import COVERAGE_UNKNOWN, NO_CELL, OPTIONAL, PACKED, SCHEMA_VERSION, universal, usable
+from .shards import SHARDS
 
 if TYPE_CHECKING:
     from .. import Answer, Fix, Uncertainty
@@ -114,6 +115,8 @@ def attributes(catalog: CatalogParts) -> dict[str, Any]:
     }
     if catalog.albedo_map is not None:
         found["albedo_map"] = json.dumps(catalog.albedo_map, sort_keys=True)
+    if catalog.shards:
+        found[SHARDS] = json.dumps([one.stated for one in catalog.shards], sort_keys=True)
     return found
 
 

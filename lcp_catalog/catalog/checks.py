@@ -33,6 +33,7 @@ from .schema import (
     universal,
     usable,
 )
+from .shards import SHARDS, shards_problem
 
 _PLACE_TOLERANCE_M = 1e-3
 _ROTATION_TOLERANCE = 1e-9
@@ -262,6 +263,7 @@ _JSON_CHECKS: dict[str, Callable[[Any], str]] = {
     "albedo_map": _albedo_map_problem,
     "errors": _errors_problem,
     "scene_plan": lambda found: "",
+    SHARDS: shards_problem,
 }
 
 

@@ -28,6 +28,7 @@ from .layout import (
     variable_attributes,
 )
 from .schema import OPTIONAL, OPTIONAL_GROUPS, SCHEMA_VERSION, Variable
+from .shards import SHARDS
 
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
 
@@ -170,7 +171,7 @@ def _identity_problems(file: h5py.File) -> Iterator[str]:
 def global_names(file: h5py.File) -> tuple[str, ...]:
     """Names of the global attributes that the file must have, but the digest of its content."""
     optional = OPTIONAL_ATTRIBUTES if has_group(file, OPTIONAL[0]) else ()
-    return (*GLOBAL_ATTRIBUTES, *optional)
+    return (*GLOBAL_ATTRIBUTES, *optional, *([SHARDS] if SHARDS in file.attrs else []))
 
 
 def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -> Iterator[str]:

@@ -16,6 +16,7 @@ from .._version import __version__
 from ..arrays import AnyArray, Index
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from .layout import LEVELS
+from .shards import Shard
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -295,6 +296,7 @@ class Provenance:
         None  # source of ``albedo``: name, encoding, reference, files
     )
     sigma_step_m: float | None = None  # step of stored sigmas, None: from the smallest cell
+    shards: tuple[Shard, ...] = ()  # of an index that is written (`catalog.shards`)
     history: str = ""  # what determines the content, in one line
     title: str = "Lunar control points"
     product_version: str = "1"

@@ -8,16 +8,17 @@ import dataclasses
 import json
 import os
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Index
 from ..atomic_files import file_state
 from ..errors import CatalogError
 from ..file_kinds import other_kind
@@ -27,6 +28,7 @@ from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
 from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT, packing
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray, held
 from .schema import PACKED, Variable
+from .shards import SHARDS, Shard
 
 NOT_OPENED = "cannot be opened: "
 """How the text begins for a file of which nothing is known because the system does not open it."""
@@ -174,9 +176,114 @@ def _item_bytes(variable: Variable) -> int:
     return _TEXT_BYTES if variable.dtype == TEXT else np.dtype(variable.dtype).itemsize
 
 
-def stored_catalog(stored: StoredFile) -> Catalog:
-    """The catalogue of a file whose structure is sound."""
+Opener = Callable[[Path], Catalog]
+"""How the file of a shard is opened and judged: CatalogError for a bad one."""
+
+
+class ShardedSource(FileSource):
+    """An index (`catalog.shards`): the points of some of its shards, each opened when a value of it is needed, in the
+    order of their ids; all else from the index itself. CatalogError for a shard that cannot be opened, or is not
+    the one that the index was made of.
+    """
+
+    def __init__(self, stored: StoredFile, opener: Opener, which: AnyArray | None = None) -> None:
+        super().__init__(stored)
+        self._opener, self._open = opener, dict[int, Catalog]()
+        every = [Shard.read(one) for one in json.loads(self.attributes[SHARDS])]
+        self.every, some = every, np.ones(len(every), bool) if which is None else which
+        self.shards = [one for one, own in zip(every, some, strict=True) if own]
+        count = sum(one.points for one in self.shards)
+        for name, shape in self._shapes.items():
+            if name in GROUPS[""] and GROUPS[""][name].dims[0] == "point":
+                self._shapes[name] = (count, *shape[1:])
+
+    def some(self, which: AnyArray) -> ShardedSource:
+        """The same of some of the shards (k,), as if the index had no others."""
+        return ShardedSource(self._stored, self._opener, which)
+
+    def path_of(self, shard: Shard) -> Path:
+        """The file of a shard."""
+        return Path(self.name).parent / shard.path
+
+    def opened(self, number: int) -> Catalog:
+        """The catalogue of a shard."""
+        if number not in self._open:
+            shard = self.shards[number]
+            path = self.path_of(shard)
+            try:
+                found = self._opener(path)
+            except CatalogError as error:
+                raise CatalogError(f"{self.name}: its shard {error}") from error
+            if content_sha256(found) != shard.content_sha256:
+                raise CatalogError(f"{self.name}: its shard {path}: {CHANGED}")
+            self._open[number] = found
+        return self._open[number]
+
+    @cached_property
+    def _order(self) -> tuple[Index, Index]:
+        """Number of the shard, and row in it, of each point."""
+        parts = []
+        for number, shard in enumerate(self.shards):
+            ids = self.opened(number).part("point_id")
+            rows = shard.rows(len(ids))
+            parts.append(np.stack([ids[rows], np.full(len(rows), number), rows]))
+        every = np.concatenate([np.zeros((3, 0), np.int64), *parts], axis=1)
+        _, number, row = every[:, np.argsort(every[0])]
+        return number, row
+
+    def read(self, path: str, index: tuple[Any, ...], *, keep: bool = False) -> AnyArray:
+        """See `model.Source`."""
+        if path not in GROUPS[""] or GROUPS[""][path].dims[0] != "point":
+            return super().read(path, index, keep=keep)
+        first, *rest = index or (slice(None),)
+        places = np.arange(self._shapes[path][0])[first]
+        none = super().read(path, (slice(0, 0), *rest))
+        found = np.empty((places.size, *none.shape[1:]), none.dtype)
+        number, row = (of[places.reshape(-1)] for of in self._order)
+        for shard in np.unique(number).tolist():
+            own = np.flatnonzero(number == shard)
+            found[own] = self._part(shard, path, row[own], rest, keep)
+        return found.reshape((*places.shape, *none.shape[1:]))
+
+    def _part(self, number: int, path: str, rows: Index, rest: list[Any], keep: bool) -> Any:
+        """Values of a shard's rows, as they are in a merged file."""
+        catalog, step_m = self.opened(number), self.attributes["sigma_step_m"]
+        if path not in catalog.point_variables:  # albedo: the shard has no map
+            return np.nan
+        value = held(catalog, path)
+        found = value.source.read(path, (rows, *rest), keep=keep)
+        if path == "level":
+            return np.array(self.shards[number].levels)[found]
+        if path in PACKED and catalog.sigma_step_m != step_m:
+            pack = packing(path, step_m)
+            return pack.unpacked(pack.packed(found))
+        return found
+
+
+CHANGED = "is another catalogue than when the index was made; make the index again with lcp merge"
+"""What is said of a shard with another digest."""
+
+
+def sharded(catalog: Catalog) -> ShardedSource | None:
+    """Where the points of an index are read; None for any other catalogue."""
+    sources = (value.source for value in vars(catalog).values() if isinstance(value, StoredArray))
+    return next((one for one in sources if isinstance(one, ShardedSource)), None)
+
+
+def narrowed(catalog: Catalog, near: Callable[[Shard], bool]) -> Catalog:
+    """The catalogue of an index with those shards alone that are ``near``; any other as it is."""
+    source = sharded(catalog)
+    if source is None:
+        return catalog
+    some = source.some(np.array([near(one) for one in source.every], bool))
+    return dataclasses.replace(catalog, **some.arrays(Catalog, ""))
+
+
+def stored_catalog(stored: StoredFile, opener: Opener | None = None) -> Catalog:
+    """The catalogue of a file whose structure is sound; of an index, the shards are opened by the ``opener``."""
     source = FileSource(stored)
+    if SHARDS in source.attributes:
+        source = ShardedSource(stored, opener or unchecked)
     stated = {name: source.attributes[name] for name in _TEXTS}
     levels = (source.part(Overview, group) for group in LEVELS)
     return Catalog(
@@ -191,6 +298,11 @@ def stored_catalog(stored: StoredFile) -> Catalog:
         coverage_map=source.part(CoverageMap, "coverage_map"),
         promise=source.part(Promise, "promise"),
     )
+
+
+def unchecked(path: Path | str) -> Catalog:
+    """`stored_catalog` of a file, which is not judged."""
+    return stored_catalog(StoredFile.of(path))
 
 
 def content_sha256(catalog: Catalog) -> str:

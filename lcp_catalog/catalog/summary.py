@@ -19,8 +19,8 @@ from ..plots.numbers import number
 from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
-from .stored import NOT_OPENED, StoredFile, stored_catalog
-from .verification import apart, problems_of
+from .stored import NOT_OPENED, StoredFile, sharded, stored_catalog
+from .verification import apart, judged, problems_of, shard_problems
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,15 +113,20 @@ def describe(path: Path | str) -> dict[str, Any]:
         problems, found = [str(error).removeprefix(f"{path}: ")], {}
     if problems and problems[0].startswith(NOT_OPENED):
         raise CatalogError(f"{path}: {problems[0]}")
+    if not problems and not found:
+        catalog = judged(stored)
+        problems = shard_problems(catalog)
+        found = {} if problems else summary(catalog)
     return {**dict.fromkeys(names), "intact": not problems, "problems": problems, **found}
 
 
 def _described(facts: Sequence[Any]) -> tuple[list[str], dict[str, Any]]:
-    """Problems and figures of a file; no figures of a bad one."""
+    """Problems and figures of a file; no figures of a bad one, and of an index, whose shards are not judged."""
     stored = StoredFile.received(facts)
     problems = problems_of(stored)
     try:
-        return problems, {} if problems else summary(stored_catalog(stored))
+        catalog = None if problems else stored_catalog(stored)
+        return problems, {} if catalog is None or sharded(catalog) else summary(catalog)
     except CatalogError as error:  # the file changed in between
         return [str(error).removeprefix(f"{stored.path}: ")], {}
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from .integrity import HDF5_ERRORS, ChunkDigests, line_of
 from .layout import LEVELS, TEXT
 from .model import BLOCK_BYTES
 from .schema import Variable
-from .stored import StoredFile, attributes, group_attributes, stored_catalog, texts
+from .stored import StoredFile, attributes, group_attributes, sharded, stored_catalog, texts
 
 _SECONDS = 10.0
 _SECONDS_PER_MB = 1.0
@@ -65,7 +66,7 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     problems = apart(stored, _all_problems if check else _structure_problems)
     if problems:
         raise CatalogError(f"{path}: {first_few(problems)}")
-    return stored_catalog(stored)
+    return judged(stored, check)
 
 
 def verify(path: Path | str) -> list[str]:
@@ -75,9 +76,28 @@ def verify(path: Path | str) -> list[str]:
     chunks and of the content, in another process. Never raises for a bad file.
     """
     try:
-        return list(apart(StoredFile.of(path), _all_problems))
+        stored = StoredFile.of(path)
+        return list(apart(stored, _all_problems)) or shard_problems(judged(stored))
     except CatalogError as error:
         return [str(error).removeprefix(f"{path}: ")]
+
+
+def judged(stored: StoredFile, check: bool = True) -> Catalog:
+    """The catalogue of a file that was judged; the shards of an index are judged when they are opened."""
+    return stored_catalog(stored, partial(open_catalog, check=check))
+
+
+def shard_problems(catalog: Catalog) -> list[str]:
+    """A line for each shard of an index, which is `judged`, that cannot be opened."""
+    source, found = sharded(catalog), list[str]()
+    if source is None:
+        return found
+    for number in range(len(source.shards)):
+        try:
+            source.opened(number)
+        except CatalogError as error:
+            found.append(str(error).removeprefix(f"{source.name}: "))
+    return found
 
 
 def apart(stored: StoredFile, check: Any) -> Any:

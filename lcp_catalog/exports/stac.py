@@ -9,13 +9,18 @@ from typing import Any
 import numpy as np
 
 from ..catalog.summary import bounds
+from ..choices import INDEX
 from ..constants import FRAME, MOON_RADIUS_M
 from ..geometry.bounds import wrapped_deg
 from .points import ExportedPoints
 from .vectors import FIXED_TIME
 
 _EXTENSIONS = ("ssys/v1.1.0", "projection/v2.0.0")
-_TYPES = {".h5": "application/x-hdf5", ".gpkg": "application/geopackage+sqlite3"}
+_TYPES = {
+    ".h5": "application/x-hdf5",
+    INDEX: "application/x-hdf5",
+    ".gpkg": "application/geopackage+sqlite3",
+}
 
 
 def write_stac(points: ExportedPoints, path: Path, output: Path) -> None:

@@ -8,6 +8,7 @@ and the least covariance of a match.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,8 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.prediction import Prediction, predict
 from ..catalog.schema import DETECTION_STEP
+from ..catalog.shards import Shard
+from ..catalog.stored import narrowed
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..images.image import Image
@@ -114,6 +117,14 @@ def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
     return facing(catalog, sensor, rows[sensor.in_image(pixels)])
 
 
+def seen_from(catalog: Catalog, sensors: Sequence[Sensor]) -> Catalog:
+    """The catalogue of an index with those shards alone that can have a point in the image of any of the sensors: the
+    others are not opened. Its rows are its own.
+    """
+    seen = [_Cone.of(one) if isinstance(one, Camera) else None for one in sensors]
+    return narrowed(catalog, lambda shard: any(cone is None or cone.meets(shard) for cone in seen))
+
+
 def facing(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
     """Those rows whose point lies on the side of the Moon that faces the sensor."""
     places = catalog.position_mcmf[rows]
@@ -124,21 +135,48 @@ def _in_cone(catalog: Catalog, camera: Camera) -> Index:
     """Rows (n,), ascending, of the points above whose horizontal plane the camera lies, and within the
     cone around the rays of its image: few are left to project.
     """
-    looking = camera.focal_plane.directions(border_and_inside(camera.shape, 9))
-    rays = looking @ camera.rotation_mcmf_to_camera
-    axis = rays.mean(axis=0)
-    axis /= np.linalg.norm(axis)
-    cosine = float((rays @ axis).min()) - _CONE_MARGIN
-    origin = camera.position_mcmf_m
+    cone = _Cone.of(camera)
+    origin, cosine = cone.origin, cone.cosine
     # einsum takes one thread, which is enough here
-    along, ahead = (np.einsum("ij,j->i", catalog.position_mcmf, one) for one in (origin, axis))
+    along, ahead = (np.einsum("ij,j->i", catalog.position_mcmf, one) for one in (origin, cone.axis))
     square = (MOON_RADIUS_M + catalog.elevation) ** 2
     near = along > square
     if cosine > 0.0:  # not for a wide image, or a lens without an inverse
-        ahead -= origin @ axis
+        ahead -= origin @ cone.axis
         away = square - 2.0 * along + origin @ origin
         near &= (ahead > 0.0) & (ahead**2 >= cosine**2 * away)
     return np.flatnonzero(near)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cone:
+    """A cone around the rays of an image: origin (3,), MCMF, axis (3,), cosine of its half angle."""
+
+    origin: Array
+    axis: Array
+    cosine: float
+
+    @classmethod
+    def of(cls, camera: Camera) -> _Cone:
+        looking = camera.focal_plane.directions(border_and_inside(camera.shape, 9))
+        rays = looking @ camera.rotation_mcmf_to_camera
+        axis = rays.mean(axis=0)
+        axis /= np.linalg.norm(axis)
+        return cls(camera.position_mcmf_m, axis, float((rays @ axis).min()) - _CONE_MARGIN)
+
+    def meets(self, shard: Shard) -> bool:
+        """False if no point in the shard's sphere can lie in the cone with the origin above its horizontal plane."""
+        center_m, radius_m = np.array(shard.center_m), shard.radius_m
+        height = np.linalg.norm(self.origin)
+        least = max(0.0, float(np.linalg.norm(center_m)) - radius_m)
+        if center_m @ self.origin + radius_m * height <= least**2:
+            return False
+        away = center_m - self.origin
+        distance = float(np.linalg.norm(away))
+        if distance <= radius_m or not self.cosine > 0.0:
+            return True
+        angle = math.acos(min(1.0, max(-1.0, float(away @ self.axis) / distance)))
+        return angle <= math.acos(self.cosine) + math.asin(radius_m / distance)
 
 
 def at_one_scale(catalog: Catalog, rows: Index, sensor: Sensor) -> Index:

@@ -17,11 +17,14 @@ from ..cameras.sensor import Sensor
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.prediction import predict
+from ..catalog.shards import Shard
+from ..catalog.stored import narrowed
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.solar_position import apparent_sun, sun_table
 from ..ephemeris.times import Instants, Times, instants
 from ..errors import CatalogError
 from ..geometry.frames import EnuFrame, direction_enu
+from ..matching.point_choice import seen_from
 from .expected_position import LEAST_POINTS, Query, answers
 from .frame_points import PAIRS_AT_ONCE, PlannedImage
 
@@ -49,9 +52,7 @@ class Site:
 
     def rows(self, catalog: Catalog) -> Index:
         """Rows of the points; CatalogError for none."""
-        places = self.frame.from_mcmf(catalog.position_mcmf)
-        near = (np.abs(places[:, :2]) <= self.size_m / 2.0).all(axis=1)
-        found = np.flatnonzero(near & (places[:, 2] > -MOON_RADIUS_M))
+        found = self._found(catalog)
         if not len(found):
             raise CatalogError(
                 f"no point of the catalogue lies within the {self.size_m / 1e3:g} km around longitude "
@@ -59,6 +60,21 @@ class Site:
                 f"(the first of {len(catalog)} lies at longitude {catalog.longitude[0]:.2f}, latitude {catalog.latitude[0]:.2f})"
             )
         return found
+
+    def _found(self, catalog: Catalog) -> Index:
+        places = self.frame.from_mcmf(catalog.position_mcmf)
+        near = (np.abs(places[:, :2]) <= self.size_m / 2.0).all(axis=1)
+        return np.flatnonzero(near & (places[:, 2] > -MOON_RADIUS_M))
+
+    def part(self, catalog: Catalog) -> Catalog:
+        """The catalogue of an index with those shards alone that can have a point of the site, if there is any."""
+
+        def near(shard: Shard) -> bool:
+            away = np.abs(self.frame.from_mcmf(np.array([shard.center_m]))[0, :2])
+            return bool((away <= self.size_m / 2.0 + shard.radius_m).all())
+
+        some = narrowed(catalog, near)
+        return some if len(self._found(some)) else catalog
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +162,7 @@ def site_windows(
     catalog: Catalog, site: Site, times: Instants, progress: Progress | None = None
 ) -> SiteWindows:
     """Usable points of a site at instants. CatalogError for a site without points."""
+    catalog = site.part(catalog)
     rows = site.rows(catalog)
     rotation = catalog.part("rotation_mcmf_to_enu", rows)
     towards = direction_enu(site.view_azimuth_deg, 90.0 - site.off_nadir_deg)
@@ -177,6 +194,7 @@ def camera_windows(
     """Usable points of a camera that does not move, and the expected accuracy of its position, at
     instants; the Sun's angles are those at the place of ``frame``. Errors as `answers`.
     """
+    catalog = seen_from(catalog, [sensor])
     suns, _ = apparent_sun(times)
     usable, expected = np.zeros(len(times), np.int64), np.zeros(len(times))
     sigma, located, points = np.full(len(times), np.nan), np.zeros(len(times)), 0

@@ -9,13 +9,13 @@ import dataclasses
 import itertools
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -25,12 +25,14 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.layout import packing
 from ..catalog.maps import overview_levels, usable_nearby
-from ..catalog.model import BLOCK_BYTES, Coverage, Overview, Promise
+from ..catalog.model import BLOCK_BYTES, Coverage, Overview, Promise, held
 from ..catalog.origins import Origin, merged_config, origins, united
 from ..catalog.promise import merged_promise
 from ..catalog.schema import PACKED, levels, usable
-from ..catalog.stored import content_sha256
+from ..catalog.shards import Shard
+from ..catalog.stored import content_sha256, sharded
 from ..catalog.writing import new_catalog, write_catalog
+from ..choices import INDEX
 from ..errors import CatalogError, ConfigError, printable
 from ..geometry.bounds import enclosing_bounds, turned_deg
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
@@ -222,7 +224,8 @@ class _Input:
 def merge_catalogs(
     catalogs: Sequence[CatalogOrPath], output: Path | str, overwrite: bool = False
 ) -> MergeReport:
-    """Join catalogues, or files of them, into one and write it to ``output``. Their order does not change it.
+    """Join catalogues, or files of them, into one and write it to ``output``; an output that ends in .lcpx is an
+    index of the files, in which the points stay. Their order does not change it.
 
     Of points with the same id one is kept, and of points of the same level (`schema.levels`) that are nearer to each other
     than the spacing, as a build chooses: the one with more usable conditions, then the finer localised
@@ -235,6 +238,8 @@ def merge_catalogs(
     `atomic_files.check_output`.
     """
     paths = [one.path if isinstance(one, Catalog) else one for one in catalogs]
+    if (index := Path(output).suffix.lower() == INDEX) and None in paths:
+        raise CatalogError(f"{output}: an index is of files; write the catalogue first")
     check_output(output, overwrite, [path for path in paths if path is not None])
     with TemporaryDirectory() if None in paths else nullcontext("") as folder:
         inputs = [_Input.of(one, Path(folder)) for one in catalogs]
@@ -244,7 +249,7 @@ def merge_catalogs(
         different = {one.digest: one for one in inputs}
         merge = _Merge([different[digest] for digest in sorted(different)])
         merge.require_agreement()
-        merge.write(output, overwrite)
+        (merge.write_index if index else merge.write)(output, overwrite)
     return merge.report
 
 
@@ -281,6 +286,28 @@ class _Merge:
                     "their DEMs is wrong there: leave it out"
                 )
 
+    def write_index(self, output: Path | str, overwrite: bool) -> None:
+        """Write an index of the inputs (`catalog.shards`)."""
+        flags = cast(AnyArray, _ChosenFlags(self))
+        coverage = self.maps.coverage(Places(self.chosen["lon_deg"], self.chosen["lat_deg"]), flags)
+        head = dataclasses.replace(self.head, shards=tuple(self._shards(output)))
+        with new_catalog(head, 0, (), output, overwrite) as file:
+            file.finish(coverage, self._promise())
+
+    def _shards(self, output: Path | str) -> Iterator[Shard]:
+        """The inputs that have points, as an index names them. CatalogError for one that is an index itself."""
+        for k, (one, lost) in enumerate(zip(self.inputs, self._lost, strict=True)):
+            if sharded(one.catalog):
+                raise CatalogError(f"{one.path}: is an index; name its catalogues")
+            own = self.chosen[self.chosen["input"] == k]
+            if len(own):
+                level = one.catalog.part("level", own["row"])
+                _, first = np.unique(level, return_index=True)
+                known = dict(zip(level[first].tolist(), own["level"][first].tolist(), strict=True))
+                levels = [known.get(number, 0) for number in range(max(known) + 1)]
+                places = one.catalog.part("position_mcmf", own["row"])
+                yield Shard.of(one.path, output, one.digest, places, levels, lost)
+
     def write(self, output: Path | str, overwrite: bool) -> None:
         """Write the catalogue, a block of points at a time."""
         points, head, widest = self.chosen, self.head, self._widest
@@ -295,12 +322,17 @@ class _Merge:
 
     def _promise(self) -> Promise | None:
         """The promises of the inputs, without the points that are left out."""
+        return merged_promise(self.catalogs, self._lost)
+
+    @cached_property
+    def _lost(self) -> list[Index]:
+        """Rows of the points of each input that are left out."""
         lost = []
         for k, catalog in enumerate(self.catalogs):
             kept = np.zeros(len(catalog), bool)
             kept[self.chosen["row"][self.chosen["input"] == k]] = True
             lost.append(np.flatnonzero(~kept))
-        return merged_promise(self.catalogs, lost)
+        return lost
 
     def _products(self) -> set[str]:
         """Names of the DEM products."""
@@ -339,17 +371,18 @@ class _Merge:
 
     def _values(self, points: AnyArray) -> dict[str, AnyArray]:
         """The variables of some of the chosen points, as in the file."""
-        by_input = [np.flatnonzero(points["input"] == k) for k in range(len(self.catalogs))]
-        back = np.argsort(np.concatenate(by_input))
-        found: dict[str, AnyArray] = {}
-        for name in self.head.point_variables:
-            parts = [
-                self._part(name, catalog, points["row"][own])
-                for catalog, own in zip(self.catalogs, by_input, strict=True)
-                if len(own)
-            ]
-            found[name] = np.concatenate(parts)[back]
+        found = {name: self.variable(name, points) for name in self.head.point_variables}
         return found | {"level": points["level"]}
+
+    def variable(self, name: str, points: AnyArray) -> AnyArray:
+        """A variable of some of the chosen points, as in the file."""
+        by_input = [np.flatnonzero(points["input"] == k) for k in range(len(self.catalogs))]
+        parts = [
+            self._part(name, catalog, points["row"][own])
+            for catalog, own in zip(self.catalogs, by_input, strict=True)
+            if len(own)
+        ]
+        return np.asarray(np.concatenate(parts)[np.argsort(np.concatenate(by_input))])
 
     def _part(self, name: str, catalog: Catalog, rows: Index) -> AnyArray:
         """A variable of some points of an input, as in the merged file."""
@@ -357,6 +390,21 @@ class _Merge:
             return np.full((len(rows), *np.shape(getattr(self.head, name))[1:]), np.nan, np.float32)
         part = catalog.part(name, rows)
         return packing(name, self.head.sigma_step_m or 1.0).packed(part) if name in PACKED else part
+
+
+class _ChosenFlags:
+    """`Catalog.condition` of the chosen points of a merge: each slice is read from the inputs."""
+
+    def __init__(self, merge: _Merge) -> None:
+        self._merge = merge
+        along = np.shape(held(merge.catalogs[0], "condition"))[1:]
+        self.shape: tuple[int, ...] = (len(merge.chosen), *along)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> AnyArray:
+        return self._merge.variable("condition", self._merge.chosen[rows])
 
 
 # -- points

@@ -174,7 +174,7 @@ def merge(
     catalogs:
         Catalogues, or their files, with the same Suns, views, image scales, patch sizes and errors.
     output:
-        The joined catalogue, .h5.
+        The joined catalogue, .h5, or .lcpx: an index, whose points stay in the files.
     overwrite:
         True: replace an existing output.
 

@@ -21,7 +21,7 @@ from helpers import catalogs
 from helpers.commands import leaves
 from helpers.damaged import edit
 from helpers.products import cut as cut_text
-from helpers.small_commands import COMMANDS, Words, prepare
+from helpers.small_commands import COMMANDS, SUN, Words, prepare
 from lcp_cli.main import cli, run
 
 Damage = Callable[[Path], None]
@@ -145,8 +145,10 @@ def _uses(ending: str) -> list[tuple[str, str]]:
     return found
 
 
-def _refused(line: str, words: Words, capsys: Any, whole: bytes = b"") -> str:
-    """What is wrong with a command's answer to a damaged input. ``whole``: an output that is right, too."""
+def _refused(line: str, words: Words, capsys: Any, whole: bytes = b"", names: str = "") -> str:
+    """What is wrong with a command's answer to a damaged input. ``whole``: an output that is right, too; ``names``: what
+    the line must hold.
+    """
     before = set(Path().iterdir())
     code = run(line.split())
     out, err = capsys.readouterr()
@@ -154,7 +156,7 @@ def _refused(line: str, words: Words, capsys: Any, whole: bytes = b"") -> str:
     same = bool(whole) and code == 0 and [path.read_bytes() for path in left] == [whole]
     for path in left:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    if same or (words.verdict and code == 4 and "NOT " in out):
+    if same or (words.verdict and code == 4 and "NOT " in out and names in out):
         return ""
     lines = [
         one
@@ -165,6 +167,7 @@ def _refused(line: str, words: Words, capsys: Any, whole: bytes = b"") -> str:
         )  # progress, where a machine is slow
     ]
     right = code == 1 and len(lines) == 1 and re.match("lcp: (?!unexpected)", lines[0])
+    right = right and names in lines[0]
     return "" if right and not out and not left else f"exit {code}, {lines}, {out[:80]!r}, {left}"
 
 
@@ -320,4 +323,80 @@ def test_a_damaged_kernel_message_or_camera_is_refused(
             CAMERA_DAMAGE[kind](Path(file))
             wrong[file, kind] = _refused(words.line, words, capsys, whole)
             Path(file).write_bytes(files[file])
+    assert {pair: text for pair, text in wrong.items() if text} == {}
+
+
+# -- indexes of catalogues
+
+INDEXED = {
+    "inspect": Words("inspect both.lcpx", verdict=True),
+    "report": Words("report both.lcpx -o r.html"),
+    "query": Words(f"query both.lcpx --camera camera.json {SUN} -o q.csv"),
+    "windows": Words("windows both.lcpx --center 3 26 --range 2026-01-27 2026-01-29 12h"),
+    "export": Words("export both.lcpx -o out.csv"),
+    "diff": Words("diff both.lcpx east.h5 -o d.csv"),
+    "merge": Words("merge both.lcpx east.h5 -o m.h5"),
+    "camera info": Words("camera info camera.json --catalog both.lcpx --plot c.svg"),
+    "validate": Words("validate both.lcpx frame.png --camera frame.json -o v"),
+    "simulate": Words("simulate both.lcpx --camera frame.json --sun point -o f2.png"),
+}
+"""Commands on an index of ``west.h5`` and ``east.h5``."""
+
+OF_POINTS = ("a bit of a chunk", "exchanged chunks", "mirrored patches", "exchanged ids")
+OF_POINTS += ("a moved point", "sigma of nothing", "a latitude of 95", "an infinite height")
+"""Damage that an index without points cannot have."""
+
+INDEX_DAMAGE: dict[str, Damage] = {
+    **{kind: damage for kind, damage in CATALOG_DAMAGE.items() if kind not in OF_POINTS},
+    "no list": edited(lambda file: _attribute(file, "shards", "[{}]"), sign=True),
+    "a point less": edited(
+        lambda file: _attribute(file, "shards", file.attrs["shards"].replace("points", "rows"))
+    ),
+    "another sum": edited(
+        lambda file: _attribute(
+            file,
+            "shards",
+            re.sub('sha256": "[0-9a-f]{8}', 'sha256": "00000000', file.attrs["shards"]),
+        ),
+        sign=True,
+    ),
+}
+SHARD_DAMAGE: dict[str, Damage] = {
+    **CATALOG_DAMAGE,
+    "missing": lambda path: path.unlink(),
+    "another": lambda path: shutil.copy(path.with_name("usable.h5"), path) and None,
+    "a folder": lambda path: path.unlink() or path.mkdir(),
+}
+
+
+@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", INDEXED)
+def test_a_damaged_index_or_shard_is_refused(
+    name: str,
+    every: int,
+    inputs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
+) -> None:
+    """And the shard is named."""
+    shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    assert run(["merge", "west.h5", "east.h5", "-o", "both.lcpx"]) == 0
+    words, wrong = INDEXED[name], {}
+    whole = Path("whole")
+    whole.mkdir()
+    for file in ("both.lcpx", "west.h5"):
+        shutil.copy(file, whole)
+    before = set(Path().iterdir())
+    assert run(words.line.split()) in (0, 4), capsys.readouterr()
+    for path in set(Path().iterdir()) - before:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    capsys.readouterr()
+    for file, kinds in (("both.lcpx", INDEX_DAMAGE), ("west.h5", SHARD_DAMAGE)):
+        for kind in [*kinds][[*INDEXED].index(name) % every :: every]:
+            kinds[kind](Path(file))
+            wrong[file, kind] = _refused(words.line, words, capsys, names=file)
+            shutil.rmtree(file) if Path(file).is_dir() else None
+            shutil.copy(whole / file, file)
     assert {pair: text for pair, text in wrong.items() if text} == {}

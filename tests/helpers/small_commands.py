@@ -63,11 +63,11 @@ class Words:
         return {name: (folder / name).read_bytes() for name in names if (folder / name).is_file()}
 
 
-_SUN = "--sun-azimuth 100 --sun-elevation 17"
+SUN = "--sun-azimuth 100 --sun-elevation 17"
 _BUILD = "build-catalog dem.tif --config build.toml -o x.h5"
 _KERNELS = (*spice_kernels.TEXTS, "orbiter.bsp", "orbiter.bc")
 _MISSION = "--kernels META.tm --observer MY_ORBITER --instrument MY_CAMERA"
-_RENDER = f"render dem.tif -o r.tif --center 3.5 26 --size 8 --gsd 474 {_SUN}"
+_RENDER = f"render dem.tif -o r.tif --center 3.5 26 --size 8 --gsd 474 {SUN}"
 COMMANDS = {
     "sample": Words("sample folder"),
     "dem info": Words("dem info dem.tif LDEM_64.LBL --json", ("LDEM_64.IMG",), ""),
@@ -91,7 +91,7 @@ COMMANDS = {
     "inspect": Words("inspect full.h5", again="", verdict=True),
     "inspect .lcpf": Words("inspect site.lcpf", again="", verdict=True),
     "report": Words("report full.h5 -o r.html"),
-    "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {_SUN}"),
+    "report --dossier": Words(f"report usable.h5 -o r.html --dossier --camera camera.json {SUN}"),
     "diff": Words("diff west.h5 east.h5 -o d.csv"),
     **{f"export {ending}": Words(f"export plain.h5 -o out{ending}", together=True) for ending in EXPORTS},
     "export .csv": Words("export full.h5 -o out.csv", together=True),
@@ -100,8 +100,8 @@ COMMANDS = {
     "merge": Words("merge west.h5 east.h5 -o m.h5"),
     "validate": Words("validate patches.h5 frame.png --camera frame.json --dem dem.tif --attitude-sigma 0 -o v"),
     "fit-reflectance": Words("fit-reflectance paint.csv -o paint.toml --chart paint.svg"),
-    "query": Words(f"query usable.h5 --camera camera.json -o q.csv {_SUN}"),
-    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv --camera camera.json --plot q.svg --json {_SUN}"),
+    "query": Words(f"query usable.h5 --camera camera.json -o q.csv {SUN}"),
+    "query --trajectory": Words(f"query usable.h5 --trajectory way.csv --camera camera.json --plot q.svg --json {SUN}"),
     "windows": Words("windows usable.h5 --center 3.5 26 --range 2026-01-27 2026-01-29 12h", again=""),
     "simulate": Words("simulate dem.tif --camera frame.json --sun point --gsd 474 -o f.png"),
     "trade": Words("trade dem.tif --config build.toml -o t --areas 1 --rounds 1 --time-limit 0"),
