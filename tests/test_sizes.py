@@ -100,8 +100,8 @@ BUDGETS = {
     # 82 a camera of one's own
     # 30 kernels and messages that are cut
     # 125 two passes measured
-    # 155 indexes of catalogues
-    "words of docs": 54693,
+    # 177 indexes of catalogues
+    "words of docs": 54715,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
