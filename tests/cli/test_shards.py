@@ -131,7 +131,9 @@ def test_it_can_be_merged_again(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(CatalogError, match=r"u\.lcpx: is an index; name its catalogues"):
         lcp.merge([folder / "u.lcpx", folder / "u-west.h5"], tmp_path / "again.lcpx")
     with pytest.raises(CatalogError, match="an index is of files"):
-        lcp.merge([lcp.open_catalog(folder / "u.h5")[:5], folder / "u-west.h5"], tmp_path / "a.lcpx")
+        lcp.merge(
+            [lcp.open_catalog(folder / "u.h5")[:5], folder / "u-west.h5"], tmp_path / "a.lcpx"
+        )
 
 
 def test_every_part_of_every_variable(folder: Path) -> None:
