@@ -10,7 +10,9 @@ import mpmath
 import numpy as np
 from mpmath import mpf
 
-from lcp_catalog.photometry.laws import SETS, SURFACES, HapkeSet, Reflectance, radiance_factor
+from lcp_catalog.kernels.photometry.laws import HAPKE
+from lcp_catalog.photometry.hapke_sets import SETS, HapkeSet
+from lcp_catalog.photometry.laws import SURFACES, Reflectance, radiance_factor
 
 DIGITS = 60
 
@@ -24,6 +26,11 @@ SPECS = [
     *(f"hapke:{name}" for name in SETS),
 ]
 """Every model by name, with every published set."""
+
+
+def of_hapke(p: HapkeSet) -> Reflectance:
+    """The model of given parameters."""
+    return Reflectance(f"hapke:{p.name}", HAPKE, p.law)
 
 
 def phase_function(p: HapkeSet, cos_g):

@@ -15,16 +15,8 @@ from hypothesis import strategies as st
 
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.kernels.photometry.hapke import h_function, hapke_factor, hapke_terms
-from lcp_catalog.photometry.laws import (
-    DEFAULT_SET,
-    SETS,
-    HapkeSet,
-    Reflectance,
-    backward_share,
-    hapke_set,
-    radiance_factor,
-    reflectance_model,
-)
+from lcp_catalog.photometry.hapke_sets import DEFAULT_SET, SETS, HapkeSet, backward_share, hapke_set
+from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
 
 FULL = HapkeSet("all effects", 0.5, 0.3, 0.2, 1.2, 0.08, 0.6, 0.02, 0.3, 25.0)
 SMOOTH = HapkeSet("smooth", 0.3854, 0.2375, 0.3253, 1.686, 0.0672, theta_bar_deg=0.0)
@@ -41,7 +33,7 @@ def factor(parameters: HapkeSet, mu0: float, mu: float, cos_g: float) -> float:
 def of_angles(parameters: HapkeSet, incidence, emission, azimuth):
     """I/F of a level surface by incidence, emission and azimuth, degrees."""
     i, e, psi = (np.radians(np.asarray(a, float)) for a in (incidence, emission, azimuth))
-    return radiance_factor(Reflectance.of_hapke(parameters), i, e, twin.phase_angle(i, e, psi))
+    return radiance_factor(twin.of_hapke(parameters), i, e, twin.phase_angle(i, e, psi))
 
 
 # incidence, emission, azimuth: I/F under wac-643 and wac-643-mare.

@@ -16,9 +16,9 @@ from lcp_catalog.choices import LAWS_BY_COST, REFLECTANCE_MODELS
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.photometry.laws import LOMMEL_SEELIGER, factors, mixture
+from lcp_catalog.photometry.hapke_sets import SETS
 from lcp_catalog.photometry.laws import (
     DISCS,
-    SETS,
     SURFACES,
     photometry,
     radiance_factor,

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.twins_reflectance import SPECS
+from helpers.twins_reflectance import SPECS, of_hapke
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rendering.test_renderer import hills, make
@@ -18,16 +18,17 @@ from lcp_catalog.kernels.elementary import exp_lane, gap_lane, log_lane
 from lcp_catalog.kernels.photometry.images import add_light, angles_deg, shade_nodes
 from lcp_catalog.kernels.photometry.laws import factors
 from lcp_catalog.light.sources import Lighting, LightSource
-from lcp_catalog.photometry.laws import HapkeSet, Reflectance, reflectance_model
+from lcp_catalog.photometry.hapke_sets import HapkeSet
+from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.renderer import Method, render_enu
 
 SHAPE = (23, 1100)
 """More than two runs of 512 a row, the last one short."""
 
 MADE = [
-    Reflectance.of_hapke(HapkeSet("full", 0.5, 0.3, 0.2, 1.2, 0.08, 0.6, 0.02, 0.3, 25.0)),
-    Reflectance.of_hapke(HapkeSet("smooth", 0.4, 0.2, 0.3, 1.7, 0.07, theta_bar_deg=0.0)),
-    Reflectance.of_hapke(HapkeSet("rough", 0.95, 0.4, -0.1, 0.5, 0.1, 0.4, 0.1, 0.5, 50.0)),
+    of_hapke(HapkeSet("full", 0.5, 0.3, 0.2, 1.2, 0.08, 0.6, 0.02, 0.3, 25.0)),
+    of_hapke(HapkeSet("smooth", 0.4, 0.2, 0.3, 1.7, 0.07, theta_bar_deg=0.0)),
+    of_hapke(HapkeSet("rough", 0.95, 0.4, -0.1, 0.5, 0.1, 0.4, 0.1, 0.5, 50.0)),
 ]
 LAWS = [*(reflectance_model(spec) for spec in SPECS), *MADE]
 EACH = pytest.mark.parametrize("law", LAWS, ids=lambda law: law.name)
