@@ -19,14 +19,16 @@ from .._version import __version__
 from ..kernels.cpu_level import level
 
 _LEVELS = {
-    "AVX-512": ("AVX512F", "AVX512CD", "AVX512BW", "AVX512DQ", "AVX512VL"),
-    "AVX2": ("AVX2", "FMA3"),
+    "AVX-512": ("X86_V4", "AVX512F", "AVX512CD", "AVX512BW", "AVX512DQ", "AVX512VL"),
+    "AVX2": ("X86_V3", "AVX2", "FMA3"),
     "AVX": ("AVX",),
     "SSE4.2": ("SSE42", "POPCNT"),
     "SVE": ("SVE",),
     "NEON": ("NEON", "ASIMD"),
 }
-"""Features of each level of processors, the widest registers first."""
+"""Features of each level of processors, the widest registers first. Those with `_V` are NumPy's own names of levels, which
+it has since 2.4: its variable NPY_DISABLE_CPU_FEATURES takes them from a processor that has the other features.
+"""
 
 _SHOWN = 40
 """Characters of a fact that is shown; digests are longer."""
@@ -56,8 +58,8 @@ def processor_level() -> str:
     """The widest registers for which NumPy has code here, and the level of the kernels: results differ in their last
     digits between levels, not between processors of one.
     """
-    found = [name for name, own in _LEVELS.items() if all(cpu_features.get(k) for k in own)]
-    return f"{(found or [platform.machine()])[0]}, kernels for {level()}"
+    has = [n for n, own in _LEVELS.items() if all(cpu_features.get(k, "_V" in k) for k in own)]
+    return f"{(has or [platform.machine()])[0]}, kernels for {level()}"
 
 
 @functools.cache

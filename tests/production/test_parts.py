@@ -214,6 +214,14 @@ def test_the_level_is_that_of_the_features(monkeypatch: pytest.MonkeyPatch) -> N
     assert facts.processor_level() == level
     monkeypatch.setattr(facts, "cpu_features", own | {"FMA3": False})
     assert facts.processor_level().startswith("AVX, ")
+    wide = dict.fromkeys(("X86_V4", *facts._LEVELS["AVX-512"], *facts._LEVELS["AVX2"]), True)
+    for off, expected in (
+        (set(), "AVX-512, "),
+        ({"X86_V4"}, "AVX2, "),
+        ({"X86_V4", "X86_V3"}, facts.platform.machine()),
+    ):  # by NPY_DISABLE_CPU_FEATURES: NumPy's exp and log have other last digits, the processor's own features stay
+        monkeypatch.setattr(facts, "cpu_features", wide | dict.fromkeys(off, False))
+        assert facts.processor_level().startswith(expected)
     monkeypatch.setattr(facts, "cpu_features", {"NEON": True, "ASIMD": True})
     assert facts.processor_level().startswith("NEON, ")
 
