@@ -71,7 +71,7 @@ def _written(folder: str) -> Iterator[Path]:
     "budget_s",
     type=Number(0.0, None, min_open=True),
     metavar="SECONDS",
-    help="Write best.toml, the configuration to take for so much processor time of the build; measured after the time limit.",
+    help="Write best.toml, the configuration to take for so much processor time of the build.",
 )
 @click.option(
     "--max-error",
@@ -85,7 +85,7 @@ def _written(folder: str) -> Iterator[Path]:
     default=180.0,
     show_default="180",
     metavar="SECONDS",
-    help="Time after which no other alternative is begun; 0: tiers alone.",
+    help="Time after which nothing more is begun; 0: tiers alone.",
 )
 @overwrite_option
 def command(

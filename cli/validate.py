@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
+from lcp_catalog.choices import BOUNCES, ENCODINGS, VALIDATION_LAW
 
 from . import options
 from .build_options import field_option, image_model
@@ -17,6 +17,7 @@ from .files import RASTER, FileCommand, InputFile, OutputFile
 from .messages import EXIT_NO, echo, say
 from .names import in_options
 from .progress import progress
+from .render_options import bounce_option
 from .value_types import Distance, Finite, Number
 from .warm_up import compile_missing
 
@@ -29,6 +30,14 @@ def _written(folder: str) -> Iterator[Path]:
     from lcp_catalog.validation.output import FILES
 
     yield from (Path(folder, name) for name in FILES)
+
+
+def _check_light_of_patches(disc: bool | None, bounce: str) -> None:
+    """UsageError for light that only renders of a DEM have."""
+    if disc is not None:
+        raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
+    if bounce != BOUNCES[2]:
+        raise click.UsageError("--bounce needs --dem: it is light of the DEM's renders")
 
 
 @click.command(
@@ -50,6 +59,7 @@ def _written(folder: str) -> Iterator[Path]:
 )
 @options.sun_angle_options
 @options.disc_option
+@bounce_option("off")
 @environment_options
 @options.dems_option(
     "Compare the whole image with renders of these DEMs. Default: compare with the catalogue's patches only."
@@ -151,6 +161,7 @@ def command(
     cameras: tuple[str, ...],
     sun: SunChoice,
     disc: bool | None,
+    bounce: str,
     light: EnvironmentOptions,
     dems: tuple[str, ...],
     gsd_m: float | None,
@@ -186,8 +197,8 @@ def command(
             f"{len(cameras)} --camera for {len(images)} images: give one, or one per image in the same order"
         )
     light.check_sun(sun, disc)
-    if disc is not None and not dems:
-        raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
+    if not dems:
+        _check_light_of_patches(disc, bounce)
     from lcp_catalog.atomic_files import check_folder, check_output
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.validation.output import FILES, errors_files, write_validation
@@ -217,6 +228,7 @@ def command(
             known_pose=known_pose,
             sun=sun,
             disc=disc,
+            bounce=bounce,
             environment=light.open(),
             dem=dems,
             gsd_m=gsd_m,

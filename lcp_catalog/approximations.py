@@ -23,11 +23,13 @@ def _none(config: Any) -> Values:
 
 @dataclass(frozen=True)
 class Approximation:
-    """One approximation. ``switch``: the fields of the configuration that control it, or none and the reason in
-    ``unpriced``; ``bound``: its error and the source of the figure; ``values``: alternatives to a configuration with
+    """One approximation. ``switch``: the fields of the configuration that control it, or none, the reason in
+    ``unpriced`` and what it was measured to save or to change in ``price``; ``bound``: its error and the source of the figure; ``values``: alternatives to a configuration with
     a cell size, coarser ones first; ``effects``, ``settings``, ``constants``: decisions of a scene plan, fields of an
-    accuracy tier and constants that are part of it; ``expected``: share of the usable conditions that
-    its alternatives change on the sample, by which they are measured in turn.
+    accuracy tier, constants and functions that are part of it; ``expected``: share of the usable conditions that
+    its alternatives change on the sample, by which they are measured in turn; ``slower``: time of its slowest
+    alternative, over that of the configuration, on the sample; ``fineness`` of a configuration: greater is finer; None
+    where another value is another catalogue, not the same one computed otherwise.
     """
 
     name: str
@@ -35,10 +37,13 @@ class Approximation:
     switch: tuple[str, ...] = ()
     values: Callable[[Any], Values] = _none
     unpriced: str = ""
+    price: str = ""
     effects: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
     constants: tuple[str, ...] = ()
     expected: float = 0.0
+    slower: float = 1.0
+    fineness: Callable[[Any], float] | None = None
 
 
 def _numbers(field: str, *factors: float) -> Callable[[Any], Values]:
@@ -68,13 +73,20 @@ def _shown(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value).replace(",)", ")")
 
 
+_TIERS, _LAWS = (
+    ("draft", "standard", "high", "reference"),
+    ("lommel-seeliger", "lunar-lambert", "hapke"),
+)
+
+
+def _law(config: Any) -> float:
+    name = config.model.reflectance.partition(":")[0]
+    return _LAWS.index(name) if name in _LAWS else len(_LAWS)
+
+
 def _tiers(config: Any) -> Values:
     own = config.model.precision.tier
-    return {
-        tier: {"model.accuracy": tier}
-        for tier in ("draft", "standard", "high", "reference")
-        if tier != own
-    }
+    return {tier: {"model.accuracy": tier} for tier in _TIERS if tier != own}
 
 
 def _whole_search(config: Any) -> Values:
@@ -148,13 +160,15 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "wrong shadows at 0.5, 0.02, 0 and 0 % of the nodes (measured; `high` proved)",
         ("model.accuracy", "model.tolerance"), _tiers,
         effects=("cast shadows", "occlusion"),
-        settings=("node_error", "tolerance", "shadows", "shadow_method", "far_doubt"), expected=0.001,
+        settings=("node_error", "tolerance", "shadows", "shadow_method", "far_doubt"),
+        constants=("terrain.occlusion.EPSILON",), expected=0.001,
+        fineness=lambda c: _TIERS.index(c.model.precision.tier),
     ),
     Approximation(
         "reflectance law",
         "rms difference from Hapke's image as a share of the mean signal, stated by the scene plan; the tier's `law_residual` at most",
         ("model.reflectance",), _choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
-        effects=("reflectance",), settings=("law_residual",), expected=0.02,
+        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS",), expected=0.02, fineness=_law,
     ),
     Approximation(
         "brightness of the ground",
@@ -167,11 +181,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5); no `unshadowed` flag up to 15 deg in `high` and `reference`",
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
         effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT",), expected=0.01,
+        fineness=lambda c: 0.01 * c.model.precision.own_sun_deg - c.model.direction_tolerance_deg,
     ),
     Approximation(
         "parallel or near views",
         "radians: half the patch and the search radius over the distance, stated by the scene plan; parallel below `model.direction_tolerance_deg`",
-        ("view.altitude_km",), _altitudes, effects=("perspective",), expected=0.0001,
+        ("view.altitude_km",), _altitudes, effects=("perspective",),
+        constants=("production.sweep._LOWEST_VIEW_DEG", "rendering.error_bounds.SHIFT_PX"), expected=0.0001,
     ),
     Approximation(
         "views, interpolated between",
@@ -183,11 +199,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "Sun azimuths, interpolated between",
         "99 % of the points claimed usable between the grid's Suns are (measured, with `prediction.BETWEEN_MARGIN`)",
         ("sun.azimuths_deg",), _azimuths, constants=("catalog.prediction.BETWEEN_MARGIN",), expected=0.05,
+        fineness=lambda c: len(c.sun.azimuths_deg),
     ),
     Approximation(
         "Sun elevations, interpolated between",
         "the same; below the lowest no claim is made",
         ("sun.elevations_deg",), _elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
+        fineness=lambda c: len(c.sun.elevations_deg),
     ),
     Approximation(
         "cell size",
@@ -208,6 +226,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "candidates per cell", "better points are missed; a point's claims are the same",
         ("points.candidates_per_cell",), _numbers("points.candidates_per_cell", 0.5, 2.0), expected=0.0,
+        fineness=lambda c: c.points.candidates_per_cell,
     ),
     Approximation(
         "two passes",
@@ -218,12 +237,14 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "search at half resolution first",
         "a probability up to 0.49 too high away from the limit (measured); `second_peak` up to 0.18 too low",
         ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
+        fineness=lambda c: c.model.precision.whole_search,
     ),
     Approximation(
         "searched again near the limit",
         "without it the flag of up to 0.05 % of the conditions; 0.074 of a probability where the flag is another (measured)",
         ("points.search_doubt",), _choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
         constants=("production.point_config.SEARCH_DOUBT",), expected=0.001,
+        fineness=lambda c: sum(c.points.search_doubt or (0.035, 0.09)),
     ),
     Approximation(
         "image scales", "a claim for a coarser pixel is missing; between scales interpolated",
@@ -231,22 +252,26 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "point Sun",
-        "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (measured); the scene plan's 1.0 is the bound of one node in a penumbra",
+        "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (measured); a build's plan states it, a render's 1.0 is that of one node in a penumbra",
         ("model.sun",), _choices("model.sun", "point", "disc", usual="point"),
-        effects=("solar disc",), settings=("disc", "disc_strips", "disc_directions", "disc_rms"), expected=0.005,
+        effects=("solar disc",), settings=("disc", "disc_strips", "disc_directions", "disc_rms"),
+        constants=("light.solar_disc.TRACE", "light.solar_disc.FIRST_STRIPS", "light.solar_disc.MOST_STRIPS", "light.solar_disc.CONVERGED", "light.solar_disc.STEEP_RAD", "light.solar_disc.LEAN_MAX", "rendering.error_bounds.PENUMBRA_PX"), expected=0.005,
+        fineness=lambda c: c.model.sun == "disc",
     ),
     Approximation(
         "far terrain",
         "elevation of terrain that is left out, stated by the scene plan; 0.02 deg rms of the horizon from coarser cells (measured)",
         ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
         effects=("terrain beyond the area",),
-        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG"), expected=0.005,
+        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE"), expected=0.005,
+        fineness=lambda c: c.model.ring_max_km,
     ),
     Approximation(
         "light by way of other ground",
-        "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters (measured)",
-        effects=("scattered light",), constants=("light.bounced_light.SHOWS",),
-        unpriced="no switch in builds and validations: 128 to 1024 rays for every dark node and Sun; `lcp render` has one",
+        "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 1.0 % of the usable conditions of the sample are others, in 34 times the time (measured, 7bb57269, 2026-11-27)",
+        ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
+        effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE"), slower=30.0,
+        fineness=lambda c: c.model.bounce == "on",
     ),
     Approximation(
         "point spread of an image", "0.5 pixels assumed: a sharper or duller image has other claims",
@@ -255,7 +280,8 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "number of rivals", "with 12 for 64 the Brier score doubles in pure noise (measured)",
-        ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS",), expected=0.002,
+        ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS", "landmarks.detection._CLEAR"), expected=0.002,
+        fineness=lambda c: c.points.rivals or 64,
     ),
     Approximation(
         "least correlation of a match", "below it a match is refused, and the claim says so",
@@ -273,46 +299,62 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "interpolation of a claim over Sun and scale",
         "mean error of a probability 0.01 to 0.05 (measured); usable only with the margins",
-        constants=("catalog.prediction.BETWEEN_MARGIN", "catalog.prediction.FREE_SHARE"),
-        unpriced="no switch: it belongs to a query and costs a build nothing; the rows of Suns and views measure it",
+        constants=("catalog.prediction.FREE_SHARE", "catalog.prediction.LONE_STEP_DEG", "catalog.prediction._LEAST_WEIGHT"),
+        unpriced="no switch: it belongs to a query", price="nothing in a build; the rows of Suns and views measure it",
     ),
     Approximation(
         "quadrature over places",
         "five nodes for 31: 0.0008 of a probability at the 99th percentile, 0.053 at most, 0.007 % of the flags (measured on the sample, 5da61c4, 2026-11-27)",
-        constants=("landmarks.detection._NODES",), unpriced="no switch: the integral takes less than a hundredth of the time",
+        ("points.spread_nodes",), _choices("points.spread_nodes", 1, 31, usual=5),
+        constants=("landmarks.detection.SPREAD_NODES",), expected=0.0001,
+        fineness=lambda c: c.points.spread_nodes or 5,
     ),
     Approximation(
         "point spread of a reduced image", "sigma is 7 and 14 % smaller in images reduced 2 and 4 times; errors were by 7 and 11 to 17 % (measured)",
         constants=("landmarks.point_spread.SHARPEST_PX",), unpriced="no switch: a claim is made before it is known how often an image will be reduced",
+        price="nothing in a build; with less than 0.125 pixels 24 of 224 points of a frame are lost",
     ),
     Approximation(
-        "packing of claims", "0.002 of a probability, half a step of 1/250 (exact)",
-        constants=("catalog.schema.DETECTION_STEP",), unpriced="no switch: the file's format; seven bytes a claim for eighteen",
+        "packing of claims", "0.002 of a probability, half a step of 1/250; 0.00025 of an albedo factor (exact); no flag changes",
+        constants=("catalog.schema.DETECTION_STEP", "photometry.albedo_map.PATCH_STEP"), unpriced="no switch: the file's format",
+        price="seven bytes a claim for eighteen",
     ),
     Approximation(
         "float32", "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",),
         unpriced="no switch in builds, whose kernels are written for it; in renders the tier `reference`",
+        price="half the memory of an image; with float64 and every ray traced an area takes 1.2 to 1.9 times the time of `high` (2584014, 2026-11-24)",
     ),
     Approximation(
         "resampling of the DEM", "cubic convolution (Keys, a = -0.5): exact for parabolas; bilinear beside missing pixels",
-        unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
+        constants=("kernels.resampling.heights.sample",), unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
+        price="bilinear instead changes 7.5 % of the usable conditions of the sample, cells of 474 m, and 0.99 of the time (7bb57269, 2026-11-27)",
     ),
     Approximation(
-        "rounding of height errors", "2.5 % of sigma and length (exact)", constants=("production.evaluation.STEP",),
-        unpriced="no switch: candidates share error models by it",
+        "derivatives of an image",
+        "differences over a slope of 0.01: against 0.001 0.009 % of the flags, 0.024 of a probability at most (measured on the sample, 7bb57269, 2026-11-27)",
+        constants=("photometry.laws.SLOPE_STEP",), unpriced="no switch: a smaller step rounds more", price="none: every step takes the same time",
+    ),
+    Approximation(
+        "rounding of height errors", "2.5 % of sigma and length (exact)",
+        ("points.error_step",), _choices("points.error_step", 0.4, 0.01, usual=0.05),
+        constants=("production.evaluation.STEP",), expected=0.0001,
+        fineness=lambda c: -(c.points.error_step or 0.05),
     ),
     Approximation(
         "one direction to the Sun from an area", "half the area's diagonal over 1 au, stated by the scene plan",
-        effects=("parallax of the Sun", "motion of the Sun"), unpriced="no switch: below 1e-5 deg",
+        effects=("parallax of the Sun", "motion of the Sun"), constants=("rendering.pipeline.SUN_MOVES_DEG",),
+        unpriced="no switch: below 1e-5 deg", price="none: a direction for each node would change no value of float32",
     ),
     Approximation(
         "shape of the ground", "none: the heightfield's triangles over the curved Moon; a render may take the plain sphere, with its error stated",
-        effects=("relief", "curvature", "dependence", "cell size", "Suns"), unpriced="no approximation in builds",
+        effects=("relief", "curvature", "dependence", "cell size", "Suns"), constants=("rendering.sphere_renderer.COVERAGE_ERROR",),
+        unpriced="no approximation in builds; in renders `surface`", price="none in builds",
     ),
     Approximation(
         "light other than the Sun's", "rms 0.6, 0.4, 0.15 and 0.06 % of the mean radiance by tier (measured)",
         effects=("sky light", "other sources", "Sun over sky", "background"), settings=("sky_directions", "sky_tier", "sky_rms"),
-        unpriced="in renders alone, by `model.accuracy`; builds have the Sun alone",
+        constants=("light.sky_sampling.BETWEEN_NODES_RMS", "light.sky_sampling.SKY_FLOOR_RAD", "rendering.decisions.BACKGROUND_PX"),
+        unpriced="in renders alone, by `model.accuracy`; builds have the Sun alone", price="none in builds; a plan of a render states its share of the time",
     ),
 )  # fmt: skip
 """Every approximation, once."""

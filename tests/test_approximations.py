@@ -39,6 +39,76 @@ ASKED = {
     ),
 }
 
+COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "production"
+"""Packages whose constants decide what a catalogue or a render holds, but for the modules that only run them."""
+
+RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views"
+
+FUNCTIONS = {"kernels.resampling.heights.sample", "landmarks.detection.SPREAD_NODES"}
+"""Approximations that no constant of floating point marks."""
+
+NO_APPROXIMATIONS = {
+    # limits of values, units, guards against rounding, figures that were measured, defaults of fields
+    "catalog.prediction": "_TOUCHING",
+    "catalog.schema": "UNIVERSAL_SHARE",
+    "landmarks.corners": "GROUP_GAIN _HIGH_PERCENTILE",
+    "landmarks.correlation": "_ROUNDING",
+    "landmarks.detection": "AMBIGUOUS _FIRM_PX _LEAST_VARIANCE _LOST _PROBITS_OF_SEARCH",
+    "landmarks.error_model": "CONTRASTS TYPICAL_CONTRAST _NEGLIGIBLE",
+    "landmarks.localization": "HARRIS_K",
+    "landmarks.located": (
+        "COMMON_VARIANCE GATE SIGNIFICANT WRONG _CERTAIN _EXPONENTS _POSITION_M "
+        "_REACH_PX _SIGMA_PX _TOLERANCE_PX"
+    ),
+    "landmarks.point_spread": "_GAIN",
+    "landmarks.relief_signal": "_LEAST_COSINE _LEAST_HEIGHT _LEAST_SLOPE_SIGNAL _NEEDED _SPREAD",
+    "landmarks.uniqueness": "EXCLUSION_PX RING _FLAT",
+    "light.bounced_light": "_GOLDEN _WHITE_PERCENTILE",
+    "light.environment": "CLEAR_SKY_RATIO HIGH_DEG WIDEST_DEG",
+    "light.environment_map": "DARKEST_SHARE _FULL_SCALE",
+    "light.sources": (
+        "EARTH_ALBEDO EARTH_RADIUS_M LAST_PHASE_DEG MEAN_DISTANCE_M SEGMENT_DEG _FLAT "
+        "_J2000 _NEVER_UP_RAD _ROUNDING_DEG"
+    ),
+    "light.sun_visibility": "_LOWEST_DEG",
+    "photometry.albedo_map": "_UNIT",
+    "photometry.facet_fit": "BOUNDS WEIGHT _GAIN _GAP_DEG _LEVEL_DEG _RANGES _STARTS _STEPS",
+    "photometry.facet_model": (
+        "ALBEDO LARGEST_EMISSION_DEG LIMITS OPTICS TABLE_1 TABLE_2 TABLE_3 _PER_SIGMA _QUADRATURE"
+    ),
+    "photometry.law_choice": "_NO_CONTRAST",
+    "photometry.laws": (
+        "DISCS LAMBERT_ALBEDO MINNAERT_ALBEDO MINNAERT_FLOOR MINNAERT_K SETS "
+        "SINGLE_SCATTERING_ALBEDO SURFACES _DENSEST _THETA_DEG"
+    ),
+    "photometry.moon_map": "MEAN",
+    "photometry.srgb": "REC_709",
+    "production.area_job": "_SLACK_RAD",
+    "production.config": "LEVEL_FACTOR_MAX POLAR_ELEVATIONS_DEG POLAR_SUN_DEG SUN_ELEVATIONS_DEG",
+    "production.error_config": "PLACE_PER_LENGTH",
+    "production.evaluation": "_LEAST_M",
+    "production.finished_area": "_LEAST_CHANCE _WORST",
+    "production.point_config": (
+        "FOOTPRINT_MAX_KM LENGTH_MAX_M LOCATED LOCATED_MAX LOCATED_MIN SEARCH_MAX_M "
+        "SEARCH_NODES SPACING_MAX_M"
+    ),
+    "production.promise": "_COARSEST _FINEST _LATITUDE_STEP_DEG _LINKS _SAFETY",
+    "production.recipe": "_FINEST",
+    "production.sweep": "BANDS_DEG",
+    "rendering.decisions": "DISC_SHIFT DISC_SHIFT_DEG",
+    "rendering.error_bounds": "NORMAL_ROUNDING_RAD STORED _MARGIN _RADIUS_UP",
+    "rendering.placement": "RING_MAX_M _EXTENT_MAX_M",
+    "rendering.public": "_GAMMA _WHITE_PERCENTILE",
+    "rendering.request": "SIZE_MAX_KM WHITE_PERCENTILE _SHAPE",
+    "rendering.sphere_renderer": "_FACING",
+    "terrain.area": "LOCAL_MAX_DEG",
+    "terrain.occlusion": "STEEPEST",
+    "terrain.relief_bounds": "_ROUNDING",
+    "terrain.terrain": "_LIMB _TOLERANCE_M",
+    "terrain.useful_cell": "CELL_PER_RESOLUTION OFF_SHARE _SLACK_OCTAVES",
+}
+"""Other constants of floating point; a new one belongs here or in the registry."""
+
 CONFIG = BuildConfig().replaced(
     {"area.gsd_m": 118.0, "sun.elevations_deg": SUN_ELEVATIONS_DEG, "model.albedo": "none"}
 )
@@ -71,6 +141,40 @@ def decided() -> set[str]:
     return found | {"cast shadows"}  # given to `decisions.hiding` by name
 
 
+def constants(source: str) -> set[str]:
+    """Names at the top of a module whose values hold a number of floating point."""
+    found: set[str] = set()
+    for node in ast.parse(source).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value:
+            inside = [n.value for n in ast.walk(node.value) if isinstance(n, ast.Constant)]
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(isinstance(value, float) for value in inside):
+                found |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+    return found
+
+
+@functools.cache
+def in_code() -> set[str]:
+    """Every constant that may be an approximation, and the `FUNCTIONS`."""
+    library = ROOT / "lcp_catalog"
+    paths = [library / "catalog" / f"{name}.py" for name in ("prediction", "schema")]
+    paths += [path for folder in COMPUTES for path in (library / folder).glob("*.py")]
+    found = {
+        ".".join((*path.relative_to(library).with_suffix("").parts, name))
+        for path in paths
+        if path.stem not in RUNS
+        for name in constants(path.read_text(encoding="utf-8"))
+    }
+    return found | FUNCTIONS
+
+
+def listed() -> set[str]:
+    """The names of `NO_APPROXIMATIONS`."""
+    return {
+        f"{module}.{name}" for module, all_ in NO_APPROXIMATIONS.items() for name in all_.split()
+    }
+
+
 def missing(registry: tuple[Approximation, ...]) -> set[str]:
     """What is neither in the registry nor asked for."""
     fields = {
@@ -79,8 +183,13 @@ def missing(registry: tuple[Approximation, ...]) -> set[str]:
         for field in dataclasses.fields(kind)
     }
     settings = {field.name for field in dataclasses.fields(Accuracy)} - {"tier"}
-    given = {name for one in registry for name in (*one.switch, *one.settings, *one.effects)}
-    return (fields - ASKED | settings | decided()) - given
+    return (fields - ASKED | settings | decided() | in_code() - listed()) - {
+        name for one in registry for name in _marks(one)
+    }
+
+
+def _marks(one: Approximation) -> tuple[str, ...]:
+    return (*one.switch, *one.settings, *one.effects, *one.constants)
 
 
 def test_every_approximation_is_in_the_registry() -> None:
@@ -91,16 +200,31 @@ def test_every_approximation_is_in_the_registry() -> None:
 def test_an_approximation_that_is_left_out_is_noticed() -> None:
     for k, one in enumerate(APPROXIMATIONS):
         rest = (*APPROXIMATIONS[:k], *APPROXIMATIONS[k + 1 :])
-        known = {
-            name for other in rest for name in (*other.switch, *other.settings, *other.effects)
-        }
-        assert missing(rest) == {*one.switch, *one.settings, *one.effects} - known
+        known = {name for other in rest for name in _marks(other)}
+        lost = set(_marks(one)) - known
+        assert lost, one.name
+        assert missing(rest) == {name for name in lost if not _only_named(name)}, one.name
+        assert missing(rest), one.name
+
+
+def _only_named(name: str) -> bool:
+    """A constant that is no number of floating point: the registry names it, and nothing asks for it."""
+    return name.count(".") > 1 and name not in in_code()
+
+
+def test_a_constant_that_is_added_is_noticed() -> None:
+    assert constants("A = 3\nB = 0.5\nC, D = 1e-3, 2\nE: float = f(2.0)\ndef f(): x = 1.0") == {
+        *("B", "C", "D", "E")
+    }
+    assert listed() - in_code() == set()
+    assert listed() & {name for one in APPROXIMATIONS for name in one.constants} == set()
 
 
 @pytest.mark.parametrize("one", APPROXIMATIONS, ids=lambda one: one.name)
 def test_an_approximation_has_a_bound_and_a_switch_or_a_reason(one: Approximation) -> None:
     assert one.bound
     assert bool(one.switch) != bool(one.unpriced)
+    assert bool(one.unpriced) == bool(one.price)
     for constant in one.constants:
         module, _, name = constant.rpartition(".")
         assert hasattr(importlib.import_module(f"lcp_catalog.{module}"), name), constant

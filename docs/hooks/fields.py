@@ -29,11 +29,11 @@ def _rows() -> Iterator[str]:
 
 def approximations() -> Iterator[str]:
     """Lines of the table of all approximations, with the alternatives to the default configuration."""
-    yield "| approximation | error | switch | alternatives |\n| --- | --- | --- | --- |"
+    yield "| approximation | error | switch | price: alternatives that `lcp trade` measures |\n| --- | --- | --- | --- |"
     usual = BuildConfig().replaced({"area.gsd_m": 118.0, "sun.elevations_deg": SUN_ELEVATIONS_DEG})
     for one in APPROXIMATIONS:
         switch = ", ".join(f"`{field}`" for field in one.switch) or one.unpriced
-        yield f"| {one.name} | {one.bound} | {switch} | {'; '.join(one.values(usual)) or 'not measured'} |"
+        yield f"| {one.name} | {one.bound} | {switch} | {'; '.join(one.values(usual)) or one.price} |"
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -31,6 +31,7 @@ rho_0 is below 1 where the patch, rendered alone, differs from the patch among t
 
 from __future__ import annotations
 
+from functools import cache
 from statistics import NormalDist
 
 import numpy as np
@@ -55,8 +56,9 @@ _PROBITS_OF_SEARCH = 0.57
 0.9 in the same searches."""
 
 _CLEAR = 4.5
-_NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-_NODE_WEIGHTS = _NODE_WEIGHTS / _NODE_WEIGHTS.sum()
+SPREAD_NODES = 5
+"""Nodes of the quadrature over places whose noise differs."""
+
 _LEAST_VARIANCE = 1e-12
 
 
@@ -68,6 +70,7 @@ def detection_probability(
     least_correlation: float = LEAST_CORRELATION,
     third_from: float = 0.0,
     clear_by: float = 0.0,
+    spread_nodes: int = SPREAD_NODES,
 ) -> tuple[Array, Array, Array]:
     """Three probabilities for each of n patches, (n,): that it is found at its true place and
     nowhere else (P); that its correlation there is at least ``least_correlation``; and that this is
@@ -77,10 +80,10 @@ def detection_probability(
     ``rival_contrast`` (n, k): the contrast of the windows there, in the unit of the patch's;
     ``self_correlation`` (n,): noise-free correlation at the true place. For P the true place must exceed each other by
     ``clear_by`` joint sigmas in the mean (`clearance`). The third probability may be NaN
-    where the first is below ``third_from``, which takes less time.
+    where the first is below ``third_from``, which takes less time. ``spread_nodes``: of the mean over places.
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
-    nodes, weights = (_NODES, _NODE_WEIGHTS) if match.spread > 0.0 else (np.zeros(1), np.ones(1))
+    nodes, weights = _quadrature(spread_nodes if match.spread > 0.0 else 1)
     out = np.empty((len(match.contrast), 3))
     kernel.acquisition(
         match.contrast, match.noise_variance, match.along, rho, match.nodes,
@@ -89,6 +92,13 @@ def detection_probability(
     )  # fmt: skip
     found, there, highest = out.T
     return found, there, highest
+
+
+@cache
+def _quadrature(count: int) -> tuple[Array, Array]:
+    """Nodes and weights (count,) of a mean over a standard normal variable; of one: its middle."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(count)
+    return nodes, weights / weights.sum()
 
 
 def clearance(prior: float = 0.5) -> float:
@@ -119,14 +129,17 @@ def highest_probability(found: Array) -> Array:
 
 
 def least_rival(
-    match: Registration, self_correlation: Array | float = 1.0, clear_by: float = 0.0
+    match: Registration,
+    self_correlation: Array | float = 1.0,
+    clear_by: float = 0.0,
+    spread_nodes: int = SPREAD_NODES,
 ) -> Array:
     """Noise-free correlation (n,) below which another place does not change the detection probability
     of a patch: its correlation in noise is more than `_CLEAR` standard deviations and ``clear_by`` below that at the
     true place, for windows of half the patch's contrast up to any contrast.
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
-    nodes = _NODES if match.spread > 0.0 else np.zeros(1)
+    nodes, _ = _quadrature(spread_nodes if match.spread > 0.0 else 1)
     out = np.empty(len(match.contrast))
     kernel.least_rivals(
         match.contrast, match.noise_variance, match.along, rho, match.nodes,

@@ -29,7 +29,7 @@ from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, s
 from ..terrain.terrain import Ground, Terrain, sample_patches
 from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
-from .evaluation import Evaluation, PlaceErrors, evaluate
+from .evaluation import STEP, Evaluation, PlaceErrors, evaluate
 from .first_look import first_look
 from .recipe import Recipe
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
@@ -136,6 +136,7 @@ def area_sweep(job: AreaJob) -> Sweep:
         recipe.law.model,
         recipe.config.model.precision,
         brightness=brightness,
+        albedo=recipe.albedo,
     )
 
 
@@ -311,6 +312,7 @@ def _place_errors(recipe: Recipe, at: Places, product: Int16) -> PlaceErrors:
         recipe.errors,
         sigma if own.height_sigma_m is None else unknown,
         length if own.height_length_m is None else unknown,
+        recipe.config.points.error_step or STEP,
     )
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, get_type_hints
 from ..accuracy import DEFAULT_TIER, TIERS, Accuracy, accuracy
 from ..choices import (
     AUTO_LAW,
+    BOUNCES,
     ENCODINGS,
     GSD_MAX_M,
     LEVEL_RATIO,
@@ -410,6 +411,13 @@ class ModelConfig:
         "Shape of the Sun in the images: a point, or a disc with penumbras.",
         default=SUN_SHAPES[0],
         choices=SUN_SHAPES,
+    )
+    bounce: str | None = meant(
+        None,
+        "Light that reaches dark ground by way of other ground, in the images that points are tested in. `on` multiplies the time "
+        "of a build.",
+        default=BOUNCES[2],
+        choices=BOUNCES[1:],
     )
     own_sun_deg: float | None = meant(
         None,

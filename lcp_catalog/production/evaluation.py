@@ -23,6 +23,7 @@ from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import fill_missing
 from ..landmarks.detection import (
     LEAST_CORRELATION,
+    SPREAD_NODES,
     clearance,
     detection_probability,
     least_rival,
@@ -60,29 +61,31 @@ class PlaceErrors:
         return cls((model,), np.zeros(count, np.int64))
 
     @classmethod
-    def of_heights(cls, model: ErrorModel, sigma_m: Array, length_m: Array) -> PlaceErrors:
+    def of_heights(
+        cls, model: ErrorModel, sigma_m: Array, length_m: Array, step: float = STEP
+    ) -> PlaceErrors:
         """A build's model with the 1 sigma and the correlation length of height errors (n,) of each
         place; NaN: those of the model. A figure equal to the model's is kept as it is; others are
-        rounded to `STEP`.
+        rounded to steps of the logarithm.
         """
         base = max(model.height_sigma_m, _LEAST_M), model.height_length_m
         steps = [
             np.rint(
                 np.log(np.maximum(np.where(np.isfinite(own), own, figure), _LEAST_M) / figure)
-                / STEP
+                / step
             )
             for own, figure in zip((sigma_m, length_m), base, strict=True)
         ]
         found, which = np.unique(np.stack(steps, axis=1), axis=0, return_inverse=True)
         models = tuple(
             model
-            if not step.any()
+            if not many.any()
             else dataclasses.replace(
                 model,
-                height_sigma_m=float(base[0] * np.exp(STEP * step[0])),
-                height_length_m=float(base[1] * np.exp(STEP * step[1])),
+                height_sigma_m=float(base[0] * np.exp(step * many[0])),
+                height_length_m=float(base[1] * np.exp(step * many[1])),
             )
-            for step in found
+            for many in found
         )
         return cls(models, which.reshape(-1))
 
@@ -477,9 +480,10 @@ def _chances(
     only for patches that are found with at least the probability ``false_match``, else it may be NaN.
     """
     items = patches.items
+    nodes = points.spread_nodes or SPREAD_NODES
     others = other_places(
         images, patches.alone, items.rows, items.cols, search, items.which,
-        least_rival(match, match.own, _CLEARANCE), exact=exact, most=points.rivals or RIVALS,
+        least_rival(match, match.own, _CLEARANCE, nodes), exact=exact, most=points.rivals or RIVALS,
     )  # fmt: skip
     unit = patches.level[:, None]
     detection, located, unique = detection_probability(
@@ -490,6 +494,7 @@ def _chances(
         _given(points.least_correlation, LEAST_CORRELATION),
         third_from=false_match,
         clear_by=_CLEARANCE,
+        spread_nodes=nodes,
     )
     on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
     return _Chances(

@@ -179,6 +179,21 @@ class PointConfig:
         most=0.9,
     )
 
+    spread_nodes: int | None = meant(
+        None,
+        "Nodes of the quadrature of a probability over places with other noise (`errors.spread`).",
+        default="5",  # `landmarks.detection.SPREAD_NODES`
+        least=1,
+        most=64,
+    )
+    error_step: float | None = meant(
+        None,
+        "Step of the logarithm to which the height errors of places are rounded, so that points share error models.",
+        default="0.05",  # `production.evaluation.STEP`
+        above=0.0,
+        most=2.0,
+    )
+
     def __post_init__(self) -> None:
         check_fields(self, "points")
         require(

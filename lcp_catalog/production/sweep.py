@@ -18,11 +18,19 @@ from numpy.typing import NDArray
 from ..accuracy import Accuracy
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.view import CameraView, ParallelView, slant_range_m
-from ..choices import SUN_SHAPES
+from ..choices import BOUNCES, SUN_SHAPES
 from ..ephemeris.solar_position import reachable_suns
 from ..geometry.frames import direction_enu
+from ..light.bounced_light import (
+    BOUNCE_RMS,
+    SHOWS,
+    bounced_at_points,
+    bounced_bound,
+    bounced_sample,
+)
 from ..light.solar_disc import sunlit_share
-from ..photometry.albedo_map import neutral
+from ..light.sources import Lighting, SurfacePoints
+from ..photometry.albedo_map import AlbedoMap, neutral
 from ..photometry.law_choice import LawChoice, choose, named
 from ..photometry.laws import (
     SLOPE_STEP,
@@ -164,7 +172,8 @@ def plan_area(
     lowest view, which hold for all others, and what is particular to a build.
     """
     lowest_deg = conditions.sun_elevation_deg[conditions.reachable.any(axis=1)]
-    sun = direction_enu(0.0, min(lowest_deg, default=conditions.sun_elevation_deg[0]))
+    lowest_sun_deg = float(min(lowest_deg, default=conditions.sun_elevation_deg[0]))
+    sun = direction_enu(0.0, lowest_sun_deg)
     off_nadir_deg = lowest_off_nadir_deg(config)
     view = ParallelView(direction_enu(0.0, 90.0 - off_nadir_deg))
     plan = plan_scene(
@@ -177,6 +186,7 @@ def plan_area(
         choice=choice,
         albedo=albedo,
         lowest=True,
+        scattered=_scattered(terrain, sun, view, config, choice),
         disc=config.model.sun == SUN_SHAPES[1],
     )
     own = decisions.of_a_build(
@@ -185,9 +195,24 @@ def plan_area(
     angle_rad = max(view_angles_rad(config))
     return replace(
         plan,
+        solar_disc=decisions.disc_of_matches(plan.solar_disc, lowest_sun_deg),
         perspective=decisions.perspective_of_patches(angle_rad, _tolerance_rad(config)),
         others=(*plan.others, *own),
     )
+
+
+def _scattered(
+    terrain: Terrain, sun: Array, view: ParallelView, config: BuildConfig, choice: LawChoice
+) -> Decision | None:
+    """The decision about light by way of other ground; None where it is not asked for."""
+    if config.model.bounce != BOUNCES[1]:
+        return None
+    tier, model = config.model.precision.tier, choice.model
+    sample = bounced_sample(terrain, Lighting.of_sun(sun), view.direction, model)
+    return decisions.bounced_light(
+        BOUNCES[1], decisions.SUN_ALONE, bounced_bound(terrain.field, model), sample,
+        BOUNCE_RMS[tier], SHOWS[tier],
+    )  # fmt: skip
 
 
 def view_range_m(off_nadir_deg: float, altitude_km: float) -> float:
@@ -246,6 +271,8 @@ class Sweep:
     turn_rad: float = 0.0
     brightness: NDArray[np.float32] | None = None
     """Relative albedo of the core's nodes, NaN where it is not known; None without a map."""
+    albedo: AlbedoMap | None = None
+    """The map of `brightness`, for the ground that light reaches a node from."""
     point_m: Array | None = None
     """ENU position (3,) of the point over which the cameras of near views are; None: all views have
     parallel rays."""
@@ -445,11 +472,36 @@ class Sweep:
         radiance = self.shading(condition)(self.planes, dark, self.unseen(condition[0]))
         return radiance if factors is None else radiance * factors
 
+    def _add_bounced(self, condition: tuple[int, int, int], image: Float32) -> None:
+        """Add the light of other ground to the nodes of an image (rows, cols) that the Sun does not reach."""
+        dark = image == 0.0  # NaN where not visible
+        if not (self.plan.bounces and dark.any()):
+            return
+        view, elevation, azimuth = condition
+        towards = self.towards_camera(view)
+        seen = self.view_directions[view] if towards is None else towards[:, dark].T
+        points = nodes_enu(self.field, self.window)[dark]
+        normals, albedo = self.normals[dark].astype(np.float64), self.albedo
+        added = bounced_at_points(
+            self.terrain,
+            Lighting.of_sun(self.sun_directions[elevation, azimuth]),
+            SurfacePoints(points, normals, np.asarray(seen, np.float64)),
+            self.model,
+            self.accuracy,
+            None
+            if albedo is None
+            else lambda at: np.asarray(albedo.at_points(self.terrain, at), np.float64),
+        )
+        image[dark] = added.astype(np.float32) * (
+            1.0 if self.factors is None else self.factors[dark]
+        )
+
     def images(self, views: tuple[int, ...] | None = None) -> Iterator[RenderedImage]:
         """Azimuth by azimuth, elevation by elevation, view by view (all views, or those given)."""
         for condition, dark, factors in self._lit(views):
             view, elevation, azimuth = condition
             radiance = self._image(condition, dark, factors)
+            self._add_bounced(condition, radiance)
             yield RenderedImage(view, elevation, azimuth, radiance)
 
     def stacks(self, most: int, views: tuple[int, ...] | None = None) -> Iterator[RenderedImages]:
@@ -464,6 +516,7 @@ class Sweep:
                 base, east, south = (shaded(planes, dark, hidden) for planes in nodes)
                 out = bands[:, k]
                 complete &= differences(base, east, south, SLOPE_STEP, factors, out)
+                self._add_bounced(condition, out[0])
             conditions = np.array([condition for condition, *_ in some])
             yield RenderedImages(conditions, bands[0], bands[1:], complete)
 

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..choices import BOUNCES
 from ..constants import MOON_RADIUS_M
 from ..dem.block_cache import CACHES_BYTES
 from ..errors import ConfigError
@@ -57,6 +58,9 @@ _PATCH_BYTES = 19.6
 """Of a node of the patches that are evaluated together."""
 _RESULT_BYTES = 4.1
 """For each byte of the results of candidates, which are merged and packed."""
+_BOUNCE_BYTES = 150e6
+"""Rays of light by way of other ground that are traced together: 83 MB were measured."""
+
 _TURNED = 2.0
 """Factor of the core and its shadows where meridians converge: groups of candidates have their own."""
 
@@ -94,6 +98,7 @@ def area_mb(window: NodeWindow, lat_deg: float, config: BuildConfig) -> float:
         + _IMAGE_BYTES * images * nodes
         + _PATCH_BYTES * images * found * config.points.patch_nodes**2
         + _RESULT_BYTES * results
+        + (_BOUNCE_BYTES if config.model.bounce == BOUNCES[1] else 0.0)
     )
     return START_MB + MARGIN_MB + size / 1e6
 

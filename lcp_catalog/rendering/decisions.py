@@ -210,6 +210,27 @@ def solar_disc(
     return Decision(effect, True, reason, accuracy.disc_rms, unit)
 
 
+DISC_SHIFT, DISC_SHIFT_DEG = 0.024, 0.5
+"""Cells by which the disc shifts matches under a Sun of this elevation, the most that was measured; 0.014 under 6 deg."""
+
+
+def disc_of_matches(node: Decision, lowest_deg: float) -> Decision:
+    """The decision between disc and point for matches of patches, from that for single nodes: the error is the measured
+    shift; None below the lowest Sun that was measured.
+    """
+    if node.modelled:
+        return node
+    shift: float | None = 0.0
+    reason = node.reason
+    if node.error_bound:
+        shift = DISC_SHIFT if lowest_deg >= DISC_SHIFT_DEG else None
+        reason += (
+            f"; a node in a penumbra errs by up to 1, matches shift by 0.014 to {DISC_SHIFT} cells under Suns of 6 to "
+            f"{DISC_SHIFT_DEG} deg"
+        )
+    return Decision(node.effect, False, reason, shift, "cells of a match (measured)")
+
+
 def _penumbra_limit(accuracy: Accuracy) -> float:
     return 0.0 if accuracy.exact else PENUMBRA_PX
 

@@ -3,6 +3,7 @@
 # ruff: noqa: E501 - sentences of the report
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from ..plots.numbers import number
@@ -16,17 +17,24 @@ BEST = "best.toml"
 KNOBS_HEADING = "Every approximation"
 
 KNOBS_EXPLAINED = (
-    "One alternative at a time around the configuration, computed on the same areas; time is processor time. Candidates within "
+    "One alternative at a time around the configuration, computed on the same areas; time is processor time, over the median of runs of the "
+    "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference. Candidates within "
     f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
     "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
     "median over windows, lowest Suns."
 )
 
 
+def _time(row: Row) -> str:
+    low, high = row["seconds_interval"] or (math.nan, math.nan)
+    around = "" if math.isnan(low) else f" ({times(low)}..{times(high)})"
+    return times(row["seconds_relative"]) + around
+
+
 KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("approximation", lambda r: r["knob"] or "your configuration"),
     ("value", lambda r: r["value"]),
-    ("time, relative", lambda r: times(r["seconds_relative"])),
+    ("time, relative", _time),
     ("conditions changed", changed_share),
     ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
     ("points", lambda r: str(r["points"])),
@@ -53,8 +61,11 @@ def knobs_said(trade: Trade) -> str:
     if trade.budget_s and best["build_seconds"] > trade.budget_s:
         left = len(trade.not_measured)
         said += f" The budget of {number(trade.budget_s, 3)} s is not reached by what was measured ({left} were not)."
+    measured = f"measured together on {best['areas']} areas"
+    if not best["areas"]:
+        measured = "not measured together, for want of time (a greater time limit), but by product and sum of the rows"
     return (
-        f"{said} To take ({BEST}): {what}; measured together on {best['areas']} areas: {number(best['build_seconds'], 3)} s for the whole build "
+        f"{said} To take ({BEST}): {what}; {measured}: {number(best['build_seconds'], 3)} s for the whole build "
         f"({times(best['seconds_relative'])} of the time of your configuration), {changed_share(best)} of the conditions changed."
     )
 

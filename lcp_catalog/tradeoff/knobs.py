@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import statistics
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..approximations import APPROXIMATIONS
+from ..approximations import APPROXIMATIONS, Approximation
 from ..arrays import Array, Index, Mask
 from ..catalog.prediction import FREE_SHARE, VIEW_REACH_DEG
 from ..catalog.promise import kept_promise
@@ -32,6 +33,7 @@ from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import direction_enu
 from ..landmarks.selection import Places, nearest
 from ..memory import peak_mb, restart_peak
+from ..plots.numbers import number
 from ..production.area_job import AreaJob, Candidates, area_sweep, run_area
 from ..production.areas import AreaGrid, sample_places
 from ..production.assembly import choose
@@ -71,7 +73,8 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class Setting:
     """A configuration and how it differs from the user's: ``values`` of fields; ``turned``: True if a budget may take
-    it, because the catalogue that it gives answers the same questions; ``images``: True if it changes them.
+    it, because the catalogue that it gives answers the same questions; ``images``: True if it changes them; ``finer``: True
+    if it leaves less out; ``slower``: its time over that of the configuration, by the registry.
     """
 
     knob: str
@@ -79,6 +82,8 @@ class Setting:
     values: Mapping[str, Any]
     turned: bool = False
     images: bool = False
+    finer: bool = False
+    slower: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -376,6 +381,7 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "accuracy": own.model.precision.tier,
         "seconds": found.cpu_s,
         "seconds_relative": found.cpu_s / usual.cpu_s,
+        "seconds_interval": None,
         "build_seconds": found.cpu_s / sample.share + FINISH_S,
         "memory_mb": found.peak_mb,
         "bytes": file_bytes(found.level, points),
@@ -410,22 +416,38 @@ def _interval(shares: Sequence[float]) -> list[float] | None:
 # -- the measurement
 
 
-TURNED = (
-    "accuracy tier", "reflectance law", "one direction per area", "Sun azimuths, interpolated between",
-    "Sun elevations, interpolated between", "candidates per cell", "search at half resolution first",
-    "searched again near the limit", "point Sun", "far terrain", "number of rivals",
-)  # fmt: skip
-"""Approximations that a budget may turn: the catalogue stays the one that was asked for."""
-
-
 def settings(config: BuildConfig) -> list[Setting]:
     """The alternatives to a configuration, those of the greatest expected effect first."""
     order = sorted(APPROXIMATIONS, key=lambda one: -one.expected)
     return [
-        Setting(one.name, name, values, one.name in TURNED, bool(one.effects))
+        Setting(
+            one.name,
+            name,
+            values,
+            turned=one.fineness is not None,
+            images=bool(one.effects),
+            finer=_finer(one, config, values),
+            slower=one.slower,
+        )
         for one in order
         for name, values in one.values(config).items()
     ]
+
+
+def _finer(one: Approximation, config: BuildConfig, values: Mapping[str, Any]) -> bool:
+    """True if the values leave less out than the configuration does."""
+    if one.fineness is None:
+        return False
+    try:
+        return one.fineness(config.replaced(values)) > one.fineness(config)
+    except ConfigError:
+        return False
+
+
+def _too_late(slow_s: float) -> str:
+    if slow_s > 0.0:
+        return f"it takes about {number(slow_s, 2)} s more than others, beyond the time limit"
+    return "the time limit was reached"
 
 
 class Measurement:
@@ -433,8 +455,10 @@ class Measurement:
     `time.monotonic`.
     """
 
-    def __init__(self, sample: Sample, workers: int, until: float) -> None:
+    def __init__(self, sample: Sample, workers: int, until: float, setting_s: float = 0.0) -> None:
         self.sample, self.workers, self.until = sample, workers, until
+        self.setting_s = setting_s
+        """Time of a setting as slow as the configuration."""
 
     def outcomes(self, wanted: Sequence[Setting]) -> Iterator[tuple[Setting, Outcome | str]]:
         """What each setting gives, or why it was not measured, in the order in which they are done."""
@@ -447,8 +471,9 @@ class Measurement:
             while left or queue or waiting:
                 while not queue and left and len(waiting) <= self.workers:
                     number, setting = left.pop(0)
-                    if time.monotonic() > self.until and setting.knob:
-                        yield setting, "the time limit was reached"
+                    slow_s = self.setting_s * (setting.slower - 1.0)
+                    if time.monotonic() + slow_s > self.until:
+                        yield setting, _too_late(slow_s)
                         continue
                     try:
                         level = self.sample.level_of(setting.values)
@@ -491,7 +516,7 @@ class Measurement:
                 yield setting, found
                 continue
             row = row_of(self.sample, setting, usual, found)
-            if whole:
+            if whole and setting.knob:
                 row |= Written.of(found.level, self.sample).beside(whole)
             yield setting, row
 
@@ -524,13 +549,28 @@ class Written:
 # -- the configuration to take
 
 
+def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
+    """Set the times of rows as shares of the configuration's: its processor time is the median of runs between those of the
+    others, each of as many areas; their range gives the interval.
+    """
+    usual_s, least_s, most_s = (f(baseline_s) for f in (statistics.median, min, max))
+    for row in rows:
+        if row["default"]:
+            build_s = (row["build_seconds"] - FINISH_S) * usual_s / row["seconds"] + FINISH_S
+            row |= {"seconds": usual_s, "build_seconds": build_s}
+        row["seconds_relative"] = row["seconds"] / usual_s
+        row["seconds_interval"] = [row["seconds"] / most_s, row["seconds"] / least_s]
+
+
 def proposal(
     rows: Sequence[tuple[Setting, Row]], usual: Row, budget_s: float | None, error: float | None
 ) -> list[Setting]:
     """The settings to take together, at most one of an approximation: those that save most time for their error until the
-    build takes ``budget_s`` of processor time, or as long as their errors are within ``error``. Times multiply and errors
-    add. None where the build takes no longer: what takes longer need not be finer.
+    build takes ``budget_s`` of processor time, or as long as their errors are within ``error``; where it takes less, finer
+    ones as long as it does, those first that change most for their time. Times multiply and errors add. A difference
+    below that of runs of the configuration itself is none.
     """
+    noise = max(SAVING, usual["seconds_interval"][1] - usual["seconds_interval"][0])
     some = [
         (setting, row["seconds_relative"], row["conditions_changed_share"])
         for setting, row in rows
@@ -539,9 +579,11 @@ def proposal(
         and row["matched_share"] >= _LEAST_MATCHED
     ]
     factor = budget_s / usual["build_seconds"] if budget_s else 0.0
+    if factor >= 1.0:
+        return _finer_ones(some, factor, noise)
     taken: dict[str, Setting] = {}
     time_, wrong = 1.0, 0.0
-    some = [(s, t, e) for s, t, e in some if t < 1.0 - SAVING]
+    some = [(s, t, e) for s, t, e in some if t < 1.0 - noise]
     some.sort(key=lambda one: (one[2] + 1e-9) / abs(math.log(one[1])))
     for setting, relative, share in some:
         if setting.knob in taken:
@@ -553,6 +595,37 @@ def proposal(
         taken[setting.knob] = setting
         time_, wrong = time_ * relative, wrong + share
     return list(taken.values())
+
+
+def _finer_ones(
+    some: list[tuple[Setting, float, float]], factor: float, noise: float
+) -> list[Setting]:
+    """The finer settings within ``factor`` times the time, the last taken worth least."""
+    taken: dict[str, Setting] = {}
+    time_ = 1.0
+    some = [(s, max(1.0, t), e) for s, t, e in some if s.finer and e > 0.0]
+    some.sort(key=lambda one: -one[2] / (max(0.0, one[1] - 1.0) + noise))
+    for setting, relative, _ in some:
+        if setting.knob not in taken and time_ * relative <= factor:
+            taken[setting.knob] = setting
+            time_ *= relative
+    return list(taken.values())
+
+
+def together_row(usual: Row, rows: Sequence[Row]) -> Row:
+    """What rows say together without a measurement: times multiply and errors add; no areas."""
+    time_ = math.prod(row["seconds_relative"] for row in rows)
+    wrong = sum(row["conditions_changed_share"] for row in rows)
+    told = {"knob": "together", "value": "; ".join(f"{r['knob']}: {r['value']}" for r in rows)}
+    build_s = (usual["build_seconds"] - FINISH_S) * time_ + FINISH_S
+    times_ = {
+        "seconds": usual["seconds"] * time_,
+        "seconds_relative": time_,
+        "build_seconds": build_s,
+    }
+    return usual | told | times_ | {
+        "default": False, "conditions_changed_share": wrong, "interval": None, "areas": 0,
+    }  # fmt: skip
 
 
 def together(chosen: Sequence[Setting]) -> Setting:

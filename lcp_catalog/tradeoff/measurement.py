@@ -46,10 +46,12 @@ from .knobs import (
     Setting,
     Written,
     proposal,
+    relative,
     require_one,
     row_of,
     settings,
     together,
+    together_row,
 )
 from .point_changes import compare_points, joined
 
@@ -255,13 +257,20 @@ def measure_all(
     config = recipe.config.replaced({"model.reflectance": recipe.law.model.name})
     chosen = [build.jobs[i] for i in spread(build, areas or len(build.jobs))]
     sample, own = Sample(build, config, chosen), Setting("", "as configured", {})
-    measured = Measurement(sample, workers, until)
-    twice = [usual for _, usual in measured.outcomes([own, own])]
-    if isinstance(twice[0], str) or isinstance(twice[1], str):
-        raise AreaFailedError(str(twice[0]))
-    usual = min(twice[0], twice[1], key=lambda one: one.cpu_s)
+    begun = time.monotonic()
+    first_runs = [usual for _, usual in Measurement(sample, workers, math.inf).outcomes([own, own])]
+    if isinstance(first_runs[0], str) or isinstance(first_runs[1], str):
+        raise AreaFailedError(str(first_runs[0]))
+    usual, baseline_s = first_runs[0], [one.cpu_s for one in first_runs if not isinstance(one, str)]
+    setting_s = min(baseline_s) / max(1, workers)
     whole = Written.of(usual.level, sample) if areas is None else None
     first = row_of(sample, own, usual, usual) | (whole.beside(whole) if whole else {})
+    asked = budget.seconds is not None or budget.error is not None
+    left_s = until - time.monotonic()
+    kept_s = (
+        min(2.0 * CONFIRMED * setting_s / len(chosen) + _START_S, left_s / 3.0) if asked else 0.0
+    )
+    measured = Measurement(sample, workers, until - kept_s, setting_s)
     wanted = settings(config)
     done: list[tuple[Setting, dict[str, Any]]] = []
     missing = {one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced}
@@ -269,27 +278,65 @@ def measure_all(
         missing["change of the promise"] = (
             "this build promises nothing (`points.spacing_m`, or `points.per_view` 0)"
         )
-    for number, (setting, row) in enumerate(measured.rows(usual, wanted, whole)):
-        progress(number + 1, len(wanted))
-        if isinstance(row, str):
+    between = _between(wanted, own)
+    for count, (setting, row) in enumerate(measured.rows(usual, between, whole)):
+        progress(count + 1, len(between))
+        if not setting.knob:
+            baseline_s += [] if isinstance(row, str) else [row["seconds"]]
+        elif isinstance(row, str):
             missing[f"{setting.knob}, {setting.value}"] = row
         else:
             done.append((setting, row))
+    relative([first, *(row for _, row in done)], baseline_s)
     found = replace(found, rows=[first, *(row for _, row in done)], not_measured=missing)
-    if budget.seconds is None and budget.error is None:
+    if not asked:
         return found
-    left, best, best_row = list(done), own, first
-    for turn in range(_TRIES + 1):
-        some = left if turn < _TRIES else []
-        taken = proposal(some, first, budget.seconds, budget.error)
-        best = together(taken)
-        best_row = _confirmed(build, config, best, len(chosen), workers, until)
-        if budget.error is None or (best_row["conditions_changed_share"] or 0.0) <= budget.error:
-            break
-        left = [one for one in left if one[0] != taken[-1]]
+    spent_s = sum(baseline_s) + sum(row["seconds"] for _, row in done)
+    pace = (time.monotonic() - begun) / spent_s  # wall time for a second of processor time
+    area_s = pace * first["seconds"] / len(chosen)
+    confirmation = Confirmation(build, config, len(chosen), workers, until, area_s)
+    best, best_row = _best(confirmation, done, first, budget)
     return replace(
         found, best=config.replaced(best.values), best_row=best_row, budget_s=budget.seconds
     )
+
+
+BASELINE_EVERY = 10
+"""Alternatives between two runs of the configuration itself."""
+
+_START_S = 5.0
+"""Time in which processes start and load kernels."""
+
+
+def _between(wanted: list[Setting], own: Setting) -> list[Setting]:
+    """The settings with the configuration itself between them and as the last."""
+    found: list[Setting] = []
+    for first in range(0, len(wanted), BASELINE_EVERY):
+        found += [*wanted[first : first + BASELINE_EVERY], own]
+    return found
+
+
+def _best(
+    confirmation: Confirmation,
+    done: list[tuple[Setting, dict[str, Any]]],
+    first: dict[str, Any],
+    budget: Budget,
+) -> tuple[Setting, dict[str, Any]]:
+    """The configuration for a budget and its row: what exceeds the error, or the time with finer settings, is taken back."""
+    left = list(done)
+    for turn in range(_TRIES + 1):
+        taken = proposal(left if turn < _TRIES else [], first, budget.seconds, budget.error)
+        rows = [row for setting, row in left if setting in taken]
+        best = together(taken)
+        best_row = confirmation.row(best, together_row(first, rows))
+        if budget.error is not None:
+            kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
+        else:
+            kept = not any(s.finer for s in taken) or best_row["build_seconds"] <= budget.seconds
+        if kept or not taken:
+            break
+        left = [one for one in left if one[0] != taken[-1]]
+    return best, best_row
 
 
 CONFIRMED, CLOSE = 32, 0.3
@@ -297,27 +344,50 @@ CONFIRMED, CLOSE = 32, 0.3
 interval of its error, as a share of it, above which twice as many are taken."""
 
 
-def _confirmed(
-    build: Build, config: BuildConfig, best: Setting, least: int, workers: int, until: float
-) -> dict[str, Any]:
-    """The row of the configuration for a budget, on more areas than those on which it was chosen: a few areas say what
-    saves most, but their mean error is as uncertain as it is large. ConfigError for settings that exclude each other.
+@dataclass(frozen=True)
+class Confirmation:
+    """Measures the configuration for a budget, on more areas than those on which it was chosen: a few areas say what saves
+    most, but their mean error is as uncertain as it is large. ``until``: no areas are begun that would be done after it, by
+    ``area_s``, the time of an area of the user's configuration.
     """
-    count = max(CONFIRMED, least)
-    while True:
-        jobs = [build.jobs[i] for i in spread(build, count)]
-        sample, own = Sample(build, config, jobs), Setting("", "as configured", {})
-        measured = Measurement(sample, workers, math.inf)
+
+    build: Build
+    config: BuildConfig
+    least: int
+    workers: int
+    until: float
+    area_s: float
+
+    def fits(self, count: int, relative: float) -> bool:
+        """True if ``count`` areas of both configurations are done before the end."""
+        start_s = _START_S if self.workers else 0.0
+        return time.monotonic() + count * self.area_s * (1.0 + relative) + start_s <= self.until
+
+    def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
+        """The row of the configuration; ``told``, what its settings say together, where there is no time for any
+        measurement. ConfigError for settings that exclude each other.
+        """
+        count, row = max(CONFIRMED, self.least), None
+        while count > self.least and not self.fits(count, told["seconds_relative"]):
+            count = max(self.least, count // 2)
+        while self.fits(min(count, len(self.build.jobs)), told["seconds_relative"]):
+            row = self._of(best, count)
+            around, share = row["interval"], row["conditions_changed_share"] or 0.0
+            close = around is None or around[1] - around[0] <= 2.0 * CLOSE * share
+            if close or row["areas"] == len(self.build.jobs):
+                break
+            count *= 2
+        return row or told
+
+    def _of(self, best: Setting, count: int) -> dict[str, Any]:
+        jobs = [self.build.jobs[i] for i in spread(self.build, count)]
+        sample, own = Sample(self.build, self.config, jobs), Setting("", "as configured", {})
+        measured = Measurement(sample, self.workers, math.inf)
         found = {one.knob: outcome for one, outcome in measured.outcomes([own, best])}
         usual, outcome = found[own.knob], found[best.knob]
         if isinstance(usual, str) or isinstance(outcome, str):
             raise ConfigError(str(outcome))
-        row = row_of(sample, best, usual, outcome) | {"areas": len(jobs)}
-        around, share = row["interval"], row["conditions_changed_share"] or 0.0
-        close = around is None or around[1] - around[0] <= 2.0 * CLOSE * share
-        if close or len(jobs) == len(build.jobs) or time.monotonic() > until:
-            return row
-        count *= 2
+        return row_of(sample, best, usual, outcome) | {"areas": len(jobs)}
 
 
 class _Steps:

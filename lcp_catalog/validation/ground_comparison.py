@@ -312,7 +312,8 @@ class WindowChoice:
 @dataclass(frozen=True)
 class RenderSettings:
     """How terrain is rendered for a comparison. ``environment``: an environment map as the light, in
-    each patch's own frame; ``disc``: extended solar disc over a DEM, None: as the accuracy says.
+    each patch's own frame; ``disc``: extended solar disc over a DEM, None: as the accuracy says;
+    ``bounce``: light by way of other ground over a DEM (`choices.BOUNCES`).
     """
 
     model: Reflectance
@@ -320,6 +321,7 @@ class RenderSettings:
     albedo: AlbedoMap | None = None
     environment: Environment | None = None
     disc: bool | None = None
+    bounce: str = "off"
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,6 +442,7 @@ def dem_request(image: Image, dems: DemSet, settings: RenderSettings) -> Request
         surface="heightfield",
         environment=settings.environment,
         disc=settings.disc,
+        bounce=settings.bounce,
     )
 
 

@@ -39,6 +39,7 @@ def validate(
     known_pose: bool = False,
     sun: SunStated = None,
     disc: bool | None = None,
+    bounce: str = "off",
     environment: Environment | Path | str | None = None,
     dem: Dems = (),
     gsd_m: float | None = None,
@@ -79,6 +80,8 @@ def validate(
         text, UTC); or a `SunChoice`. None: the Sun of the camera's file.
     disc:
         Renders of the DEM under the solar disc (True) or a point (False); None: as the accuracy says.
+    bounce:
+        Renders of the DEM with light that reaches ground by way of other ground: ``auto``, ``on`` or ``off``.
     environment:
         In place of the Sun: an environment map (equirectangular panorama).
     dem:
@@ -150,6 +153,7 @@ def validate(
             choose_encoding=auto,
             environment=Environment.opened(environment),
             disc=disc,
+            bounce=bounce,
         ),
         progress,
     )

@@ -113,7 +113,8 @@ class ImageFiles:
 @dataclass(frozen=True)
 class Validation:
     """Inputs and options of a validation. ``pose_is_known``: the positions in the camera files are
-    the true ones. ``disc``: renders of the DEM under the extended solar disc, None: as the accuracy says.
+    the true ones. ``disc``: renders of the DEM under the extended solar disc, None: as the accuracy says;
+    ``bounce``: with light by way of other ground.
     ``environment``: an environment map as the light; points are searched for under
     one source in the middle of its light, windows are compared with renders under all of it. ``faint``: search
     with the options `position_fix.FAINT`. ``fit_errors``: also fit the error model to the images
@@ -137,6 +138,7 @@ class Validation:
     choose_encoding: bool = False
     environment: Environment | None = None
     disc: bool | None = None
+    bounce: str = "off"
 
     @property
     def stated_sun(self) -> SunChoice:
@@ -384,7 +386,12 @@ def _ground(
 ) -> tuple[GroundComparison | None, str]:
     """Comparison of the image with renders, or the reason why there is none."""
     settings = RenderSettings(
-        request.law, request.accuracy, request.albedo, request.environment, request.disc
+        request.law,
+        request.accuracy,
+        request.albedo,
+        request.environment,
+        request.disc,
+        request.bounce,
     )
     try:
         if request.dems:

@@ -28,7 +28,7 @@ from lcp_catalog.production.config import (
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area
-from lcp_catalog.rendering.decisions import Decision, MergedDecision
+from lcp_catalog.rendering.decisions import DISC_SHIFT, Decision, MergedDecision
 from lcp_catalog.rendering.plan import ScenePlan, plan_scene, ring_decision
 from lcp_catalog.rendering.renderer import Method, render_enu
 
@@ -76,6 +76,31 @@ def test_an_image_of_a_build_is_the_render_of_the_same_scene(build: Build) -> No
                 for plan in (sweep.plan, None):  # the area's, and the render's own
                     render = render_enu(sweep.terrain, sun, view, Method(plan=plan, **how))
                     np.testing.assert_array_equal(image.radiance, render.radiance)
+
+
+def test_a_sweep_with_bounced_light_is_the_render_with_it() -> None:
+    """`model.bounce`: dark nodes get the light of other ground, of an oblique view and in stacks, too."""
+    config = CONFIG.replaced({"model.bounce": "on"})
+    job = Build.plan((DEM,), config.replaced({"area.size_km": 6.0})).jobs[0]
+    sweep, dim = area_sweep(job), job.recipe.config.replaced({"model.bounce": "off"})
+    plain = area_sweep(dataclasses.replace(job, recipe=dataclasses.replace(job.recipe, config=dim)))
+    assert sweep.plan.bounces
+    assert not plain.plan.bounces
+    how = Method(plan=sweep.plan, model=sweep.model, accuracy=sweep.accuracy, disc=False)
+    brighter = 0
+    for image, without in zip(sweep.images(), plain.images(), strict=True):
+        sun = sweep.conditions.sun_directions()[image.elevation, image.azimuth]
+        view = ParallelView(sweep.conditions.view_directions()[image.view])
+        np.testing.assert_array_equal(
+            image.radiance, render_enu(sweep.terrain, sun, view, how).radiance
+        )
+        other = image.radiance != without.radiance
+        other &= np.isfinite(image.radiance)
+        assert (without.radiance[other] == 0.0).all()
+        brighter += np.count_nonzero(other)
+    assert brighter > 100
+    (stack,) = sweep.stacks(1000)
+    np.testing.assert_array_equal(stack.radiance, [i.radiance for i in sweep.images()])
 
 
 @pytest.mark.parametrize(
@@ -136,11 +161,16 @@ def test_the_plan_of_an_area_is_a_renders_under_its_lowest_sun_and_view() -> Non
     render = plan_scene(terrain, direction_enu(0, 5.0), oblique_view(40.0, 90.0), accuracy=STANDARD)
     for decision in render.decisions:
         there = found[decision.effect]
-        if decision.effect != "perspective":
+        if decision.effect not in ("perspective", "solar disc"):
             assert (there.modelled, there.unit) == (decision.modelled, decision.unit)
         # the cost of the reflectance model is that of the whole build, not of one image
-        if decision.effect not in ("perspective", "reflectance"):
+        if decision.effect not in ("perspective", "reflectance", "solar disc"):
             assert there.error_bound == decision.error_bound
+    # a single node is dark or lit; matches shift by what was measured, not below 0.5 deg
+    assert found["solar disc"].error_bound == DISC_SHIFT
+    lower = dataclasses.replace(CONFIG, view=parallel, sun=SunConfig((90.0,), (0.4, 30.0)))
+    assert swept(terrain, lower).plan.solar_disc.error_bound is None
+    assert swept(rough(scale=0.0), lower).plan.solar_disc.error_bound == 0.0
     assert "5.000 deg" in plan.cast_shadows.reason
     assert "50.000 deg" in plan.occlusion.reason
     above = dataclasses.replace(CONFIG, view=ViewConfig((0.0,), (0.0,), (math.inf,)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.estimate import FINISH_S
 from lcp_catalog.production.public import build_catalog
 from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
@@ -193,6 +195,7 @@ def _row(relative: float, error: float) -> dict[str, Any]:
     return {
         "seconds_relative": relative,
         "conditions_changed_share": error,
+        "seconds_interval": [relative, relative],
         "matched_share": 1.0,
         "build_seconds": 100.0,
     }
@@ -217,6 +220,106 @@ def test_a_budget_takes_what_saves_most_for_its_error() -> None:
     assert taken(None, 0.02) == ["b1", "a1"]
     assert taken(None, 0.0) == []
     assert taken(250.0, None) == taken(100.0, None) == []
+    # what runs of the configuration itself differ by is no saving
+    usual["seconds_interval"] = [0.9, 1.05]
+    assert taken(None, 1.0) == ["a1"]
+    assert taken(95.0, None) == ["a1"]
+
+
+def test_a_budget_above_the_time_takes_finer_settings() -> None:
+    """Those that change most for their time, one of an approximation, while they fit; nothing coarser, nothing without effect."""
+    finer = {"turned": True, "finer": True}
+    rows = [
+        (Setting("a", "1", {}, **finer), _row(1.5, 0.01)),
+        (Setting("a", "2", {}, **finer), _row(1.5, 0.02)),
+        (Setting("b", "1", {}, **finer), _row(1.4, 0.04)),
+        (Setting("c", "coarse", {}, True), _row(0.5, 0.1)),
+        (Setting("d", "dear", {}, **finer), _row(30.0, 0.1)),
+        (Setting("e", "free", {}, **finer), _row(1.0, 0.001)),
+        (Setting("f", "equal", {}, **finer), _row(1.0, 0.0)),
+        (Setting("g", "other", {}, finer=True), _row(1.0, 0.5)),
+    ]
+
+    def taken(budget_s: float) -> list[str]:
+        found = proposal(rows, _row(1.0, 0.0), budget_s, None)
+        return [one.knob + one.value for one in found]
+
+    assert taken(100.0) == ["efree"]
+    assert taken(145.0) == ["b1", "efree"]
+    assert taken(155.0) == ["b1", "efree"]  # for a2 there is no time left
+    assert taken(210.0) == ["b1", "a2", "efree"]
+    assert taken(1e4) == ["b1", "a2", "efree", "ddear"]
+
+
+def test_finer_settings_are_known() -> None:
+    """By the registry: what leaves less out than the defaults, and no other."""
+    config = CONFIG.replaced(
+        {"model.reflectance": "lommel-seeliger:rolo", "model.ring_max_km": 400.0}
+    )
+    finer = {(one.knob, one.value) for one in knobs.settings(config) if one.finer}
+    assert {knob for knob, _ in finer} == {one.name for one in APPROXIMATIONS if one.fineness} - {
+        "far terrain"
+    }  # whose alternatives are nearer
+    assert {value for knob, value in finer if knob == "accuracy tier"} == {"high", "reference"}
+    assert {value for knob, value in finer if knob == "rounding of height errors"} == {"0.01"}
+    assert ("search at half resolution first", "full resolution") in finer
+    assert {one.turned for one in knobs.settings(config) if one.finer} == {True}
+
+
+def test_times_are_over_the_median_of_runs_between(
+    build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        {"default": True, "seconds": 9.0, "build_seconds": 90.0 + FINISH_S},
+        {"default": False, "seconds": 11.0},
+    ]
+    knobs.relative(rows, [9.0, 10.0, 12.5])
+    assert rows[0]["seconds_relative"] == 1.0
+    assert rows[0]["build_seconds"] == pytest.approx(100.0 + FINISH_S)
+    assert rows[0]["seconds_interval"] == [0.8, pytest.approx(10.0 / 9.0)]
+    assert rows[1]["seconds_relative"] == 1.1
+    assert rows[1]["seconds_interval"] == [0.88, pytest.approx(11.0 / 9.0)]
+    asked: list[str] = []
+    original = measurement.Measurement.outcomes
+
+    def watched(self: Any, wanted: Any) -> Any:
+        asked.extend(one.knob for one in wanted)
+        return original(self, wanted)
+
+    monkeypatch.setattr(measurement, "settings", lambda config: SOME[:2])
+    monkeypatch.setattr(measurement, "BASELINE_EVERY", 1)
+    monkeypatch.setattr(measurement.Measurement, "outcomes", watched)
+    found = measure_all(EMPTY, build, 1, Budget(), math.inf, workers=0)
+    assert asked == ["", "", "dependence", "", "same", ""]
+    assert [row["knob"] for row in found.rows] == ["", "dependence", "same"]
+    low, high = found.rows[0]["seconds_interval"]
+    assert low <= 1.0 <= high
+
+
+def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
+    build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fewer areas, or none: then the rows' product and sum are told; what takes longer than is left is not begun."""
+    few = Setting("dependence", "0", {"points.max_dependence": 0.0}, True)
+    told = {"seconds_relative": 1.0, "areas": 0}
+
+    def areas(area_s: float) -> int:
+        until = time.monotonic() + 100.0
+        confirm = measurement.Confirmation(build, build.recipe.config, 1, 0, until, area_s)
+        return int(confirm.row(few, told)["areas"])
+
+    assert len(build.jobs) > 2
+    assert [areas(area_s) for area_s in (0.0, 20.0, 45.0, 1000.0)] == [len(build.jobs), 2, 1, 0]
+    slow = Setting("slow", "on", {"points.rivals": 12}, slower=1e9)
+    monkeypatch.setattr(measurement, "settings", lambda config: [few, slow])
+    until = time.monotonic() + 1000.0
+    found = measure_all(EMPTY, build, 1, Budget(), until, workers=0)
+    assert [row["knob"] for row in found.rows] == ["", "dependence"]
+    assert "beyond the time limit" in found.not_measured["slow, on"]
+    late = measure_all(EMPTY, build, 1, Budget(seconds=1.0), 0.0, workers=0)
+    assert late.best_row is not None
+    assert (late.best_row["areas"], late.best_row["seconds_relative"]) == (0, 1.0)
+    assert "for want of time" in knob_table.knobs_said(late)
 
 
 @pytest.mark.parametrize("given", [(1.0, 0.1), (0.0, None), (None, 2.0)])

@@ -266,10 +266,9 @@ def test_the_sun_of_the_image_lights_the_render(photo, camera) -> None:
     kept = dem_request(photo, DemSet.open([HADLEY]), SETTINGS)
     assert np.allclose(kept.sun.direction_mcmf(PLACE, kept.view.camera), SUN, atol=1e-9)
     stated = Image("stated", photo.signal, photo.weight, camera, sun_direction_mcmf=SUN)
-    assert (
-        dem_request(photo, DemSet.open([HADLEY]), RenderSettings(LAW, STANDARD, disc=True)).disc
-        is True
-    )
+    asked = RenderSettings(LAW, STANDARD, disc=True, bounce="on")
+    request = dem_request(photo, DemSet.open([HADLEY]), asked)
+    assert (request.disc, request.bounce, kept.bounce) == (True, "on", "off")
     by_flag = dem_request(stated, DemSet.open([HADLEY]), SETTINGS)
     assert np.allclose(by_flag.sun.direction_mcmf(PLACE, by_flag.view.camera), SUN, atol=1e-9)
     lon, lat = subsolar(stated)
