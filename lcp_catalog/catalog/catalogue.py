@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Index
 from ..constants import FRAME, MOON_RADIUS_M
-from ..errors import CatalogError, package
+from ..errors import CatalogError, ConfigError, not_a, package, unknown_keys
 from ..geometry.bounds import Bounds
 from ..landmarks.error_model import ErrorModel
 from .checks import first_few, shape_problems, text_problems, value_problems
@@ -262,28 +262,29 @@ class Catalog(CatalogParts):
         if isinstance(which, str):
             return self._labelled(which)
         if isinstance(which, int | np.integer):
+            if not -len(self) <= which < len(self):
+                raise IndexError(f"no point {which}: the catalogue has {len(self)}, from 0")
             row = range(len(self))[which]
-            found = {name: self.part(name, np.array([row]))[0] for name in self._column_names}
+            found = {name: self.part(name, np.array([row]))[0] for name in self.column_names}
             return {
                 name: value.item() if isinstance(value, np.generic) else value
                 for name, value in found.items()
             }
+        if isinstance(which, float):
+            raise not_a(which, "which", "a row, a slice, rows, a mask, or the name of a variable")
         return self.take(np.arange(len(self))[which])
 
     @property
-    def _column_names(self) -> tuple[str, ...]:
+    def column_names(self) -> tuple[str, ...]:
         """Variables with one value for each point."""
         return tuple(name for name in self.point_variables if GROUPS[""][name].dims == ("point",))
 
     def _columns(self) -> dict[str, list[Any]]:
-        return {name: self.part(name).tolist() for name in self._column_names}
+        return {name: self.part(name).tolist() for name in self.column_names}
 
     def _labelled(self, name: str) -> Any:
-        require(
-            ""
-            if name in GROUPS[""]
-            else f"has no {name}; there are {', '.join(self.point_variables)}"
-        )
+        if unknown := unknown_keys([name], GROUPS[""]):
+            raise CatalogError(f"the catalogue has {unknown}")
         return self.to_xarray()[name]
 
     def to_xarray(self) -> Any:
@@ -347,6 +348,8 @@ class Catalog(CatalogParts):
         """`lcp_catalog.query` with ``most`` points at the ``max``, for a camera, or its file, and a Sun."""
         from .. import query
 
+        if max is not None and max < 1:
+            raise ConfigError(f"`max` must be at least 1, not {max}")
         return query(self, camera, sun, most=max)
 
     def locate(

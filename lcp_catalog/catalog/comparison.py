@@ -9,6 +9,7 @@ import json
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -85,6 +86,22 @@ class Comparison:
     moved_m: Array
     matched: ComparedPoints
     amounts: dict[str, Array]
+
+    def __repr__(self) -> str:
+        """The numbers of points, and the names of what differs."""
+        counts = ", ".join(f"{name} {count}" for name, count in self.counts().items())
+        names = ", ".join([*self.attributes, *self.maps, *self.amounts])[:600]
+        return f"<Comparison: {counts}; {f'differs in {names}' if names else 'no value differs'}>"
+
+    def _repr_html_(self) -> str:
+        """For a notebook tables of the numbers of points and of the variables that differ."""
+        rows = [(name, str(count)) for name, count in self.counts().items()]
+        rows += [
+            (one["variable"], f"{one['points']} points, at most {one['largest']:.4g} {one['unit']}")
+            for one in self.variables()
+        ]
+        cells = (f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows)
+        return f"<table>{''.join(cells)}</table>"
 
     @property
     def differs(self) -> bool:

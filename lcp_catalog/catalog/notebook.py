@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import AnyArray
 from ..cameras.view import ParallelView
-from ..errors import CatalogError, package
+from ..errors import CatalogError, package, unknown_keys
 from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import direction_enu
 from ..plots.pictures import data_uri, new_axis, shrunk
@@ -80,8 +80,8 @@ def plot(
         return _patch(catalog, range(len(catalog))[what], ax, sun, view)
     if what == "claims":
         return _claims(catalog, ax, view)
-    if what != "usable_share" and np.shape(held(catalog, what)) != (len(catalog),):
-        raise CatalogError(f"has no {what} to plot: it needs a figure of each point")
+    if unknown := unknown_keys([what], ("usable_share", "claims", *catalog.column_names)):
+        raise CatalogError(f"what is drawn is a row or a figure of each point: {unknown}")
     values = Statistics.of(catalog).by_point if what == "usable_share" else catalog.part(what)
     relief = catalog.overview
     x, y = relief.plane.places(catalog.position_mcmf)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import AnyArray
 from ..child_process import ChildFailedError, call_apart
-from ..errors import CatalogError
+from ..errors import CatalogError, not_a
 from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
@@ -55,6 +55,8 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     ------
     CatalogError
         One line, for a file that is no catalogue or is damaged; `inspect` lists all its problems.
+    KindError
+        For what is no path.
 
     Examples
     --------
@@ -62,6 +64,8 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     >>> opened.longitude.shape == (len(opened),)
     True
     """
+    if not isinstance(path, Path | str):
+        raise not_a(path, "path", "the path of a catalogue")
     stored = StoredFile.of(path)
     problems = apart(stored, _all_problems if check else _structure_problems)
     if problems:

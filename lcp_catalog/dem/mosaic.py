@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array, Int16, Mask
 from ..atomic_files import file_facts
 from ..constants import MOON_RADIUS_M
-from ..errors import AreaError, DemError
+from ..errors import AreaError, DemError, not_a
 from ..geometry.bounds import Bounds, enclosing_arc
 from .dem import Dem
 from .products import is_called
@@ -54,6 +54,19 @@ class Zone(NamedTuple):
     seam_deg: float
 
 
+def dem_files(paths: Any) -> tuple[Path, ...]:
+    """One path, or several. KindError for anything else."""
+    alone = isinstance(paths, str) or not isinstance(paths, Iterable)
+    several: Iterable[object] = [paths] if alone else paths
+    found = []
+    for path in several:
+        if not isinstance(path, Path | str):
+            wrong = path if isinstance(paths, list | tuple) else paths
+            raise not_a(wrong, "dem", "the path of a DEM, several paths, or a DemSet")
+        found.append(Path(path))
+    return tuple(found)
+
+
 @dataclass(frozen=True)
 class DemSet:
     """Several files as one DEM. Picklable. DemError without files and for an ``order`` that matches
@@ -74,6 +87,11 @@ class DemSet:
     order: tuple[str, ...] = ()
     cell_m: float | None = None
 
+    def __repr__(self) -> str:
+        """The files in short, the first five by name."""
+        names = ", ".join(one.path.name[:60] for one in self.dems[:5])
+        return f"<DemSet: {len(self.dems)} file{'s' * (len(self.dems) > 1)} ({names}{', ...' * (len(self.dems) > 5)})>"
+
     def __post_init__(self) -> None:
         if not self.dems:
             raise DemError("no DEM was given")
@@ -90,10 +108,9 @@ class DemSet:
         cls, paths: Path | str | Sequence[Path | str], order: Sequence[str] | None = None
     ) -> DemSet:
         """Open one file or several. DemError or LabelError of the first that cannot be opened. No pixel is
-        read.
+        read. KindError for what is no path.
         """
-        several = [paths] if isinstance(paths, Path | str) else paths
-        return cls(tuple(Dem.open(path) for path in several), tuple(order or ()))
+        return cls(tuple(Dem.open(path) for path in dem_files(paths)), tuple(order or ()))
 
     def require_surface(self) -> None:
         """DemError for files of which none has two rows and two columns of heights, between which ground could lie."""

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ..errors import not_a
 from .coverage import MOON_KM2, Band, SetCoverage, set_coverage, set_disagreements
 from .dem import Dem
-from .mosaic import DemSet, Disagreement, height_at
+from .mosaic import DemSet, Disagreement, dem_files, height_at
 from .pixel_statistics import HeightStatistics, Region, height_statistics
 
 Dems: TypeAlias = DemSet | Path | str | Sequence[Path | str]
@@ -51,11 +50,7 @@ def dem_paths(dem: Dems) -> tuple[Path, ...]:
     """The files of DEMs, without those beside them such as labels. KindError for what is no path."""
     if isinstance(dem, DemSet):
         return tuple(one.path for one in dem.dems)
-    paths = [dem] if isinstance(dem, Path | str) or not isinstance(dem, Iterable) else dem
-    for path in paths:
-        if not isinstance(path, Path | str):
-            raise not_a(path, "dem", "the path of a DEM, several paths, or a DemSet")
-    return tuple(Path(path) for path in paths)
+    return dem_files(dem)
 
 
 @dataclass(frozen=True, eq=False)

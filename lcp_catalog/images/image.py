@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array, Float32
+from ..arrays import Array, Float32, sizes
 from ..cameras.sensor import Reduced, Sensor
 
 
@@ -37,6 +37,8 @@ class Image:
     sun_direction_mcmf: Array | None = None
     saturated_share: float = 0.0
     missing_share: float = 0.0
+
+    __repr__ = sizes
 
     def __post_init__(self) -> None:
         if self.signal.shape != self.sensor.shape or self.weight.shape != self.sensor.shape:

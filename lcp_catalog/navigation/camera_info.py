@@ -81,6 +81,10 @@ class CameraInfo:
     document: dict[str, Any]
     catalog: Catalog | None = None
 
+    def __repr__(self) -> str:
+        """The answer in short; `lines` says all."""
+        return f"<CameraInfo: {self.sensor.name:.200}, {len(self.problems)} problems>"
+
     @property
     def problems(self) -> list[str]:
         """What is wrong, or hardly so, each with what to do; empty if nothing was found."""

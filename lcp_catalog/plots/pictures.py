@@ -151,6 +151,16 @@ def grey(values: ArrayLike, like: ArrayLike | None = None) -> NDArray[np.uint8]:
     return pixels
 
 
+_SHOWN_PIXELS = 100_000
+"""Most pixels of a picture in a notebook."""
+
+
+def shown(values: ArrayLike) -> str:
+    """A picture of values (rows, cols) for a notebook, as an element of HTML."""
+    address = data_uri(grey(shrunk(values, _SHOWN_PIXELS)))
+    return f'<img src="{address}" alt="the picture" style="image-rendering:pixelated"/>'
+
+
 def new_axis() -> Any:
     """An axis of matplotlib in a figure of its own. MissingPackageError without matplotlib."""
     return package("matplotlib.pyplot", "notebook", "a plot").subplots(layout="constrained")[1]

@@ -33,7 +33,7 @@ from ..catalog.shards import Shard
 from ..catalog.stored import content_sha256, sharded
 from ..catalog.writing import new_catalog, write_catalog
 from ..choices import INDEX
-from ..errors import CatalogError, ConfigError, printable
+from ..errors import CatalogError, ConfigError, not_a, printable
 from ..geometry.bounds import enclosing_bounds, turned_deg
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select
@@ -237,6 +237,9 @@ def merge_catalogs(
     OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
+    for one in catalogs:
+        if not isinstance(one, Catalog | Path | str):
+            raise not_a(one, "catalogs", "catalogues, or the paths of their files")
     paths = [one.path if isinstance(one, Catalog) else one for one in catalogs]
     if (index := Path(output).suffix.lower() == INDEX) and None in paths:
         raise CatalogError(f"{output}: an index is of files; write the catalogue first")

@@ -20,13 +20,14 @@ from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from functools import wraps
+from html import escape
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..accuracy import TIERS, Accuracy
-from ..arrays import Array, Mask
+from ..arrays import Array, Mask, sizes
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ParallelView, ScannerView, View, sensor_view
@@ -38,7 +39,7 @@ from ..light.solar_disc import share_at_points, sunlit_share
 from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_horizon
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
-from ..plots.pictures import new_axis
+from ..plots.pictures import new_axis, shown
 from ..stages import stage
 from ..terrain.far_terrain import HorizonPoints
 from ..terrain.occlusion import occluded
@@ -127,6 +128,12 @@ class Rendering:
     frame: EnuFrame | None = None
     transform: Any = None
     crs: Any = None
+
+    __repr__ = sizes
+
+    def _repr_html_(self) -> str:
+        """For a notebook its bands and a picture of the radiance."""
+        return f"<p>{escape(repr(self))}</p>{shown(self.radiance)}"
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the radiance into a matplotlib axis, a new one for None, which is returned: kilometres east and north

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from .. import stages
-from ..arrays import Array, Float32, Mask
+from ..arrays import Array, Float32, Mask, sizes
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
@@ -33,6 +34,7 @@ from ..geometry.sphere_intersection import ranges
 from ..images.image import Image
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
+from ..plots.pictures import shown
 from ..rendering.pipeline import HeightfieldScene, prepare_terrain
 from ..rendering.request import Request, ViewAngles, ViewChoice
 from .detector import Detector, Numbers, gathered, response
@@ -115,6 +117,12 @@ class SimulatedFrame:
     camera: Camera | Scanner
     samples: int
     sources: tuple[Path, ...]
+
+    __repr__ = sizes
+
+    def _repr_html_(self) -> str:
+        """For a notebook what it holds and a picture of its numbers."""
+        return f"<p>{escape(repr(self))}</p>{shown(self.numbers)}"
 
     @property
     def signal(self) -> Float32:

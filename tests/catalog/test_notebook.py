@@ -1,5 +1,7 @@
 """A catalogue in a notebook: short texts, points one by one, selections, tables."""
 
+# ruff: noqa: E501  a wrong call and its answer stand in one row
+
 from __future__ import annotations
 
 import csv
@@ -7,6 +9,7 @@ import datetime as dt
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +22,7 @@ from helpers import catalogs, navigable, posed, verdicts
 import lcp_catalog as lcp
 from lcp_catalog import errors
 from lcp_catalog.catalog.writing import write_catalog
-from lcp_catalog.errors import CatalogError, MissingPackageError
+from lcp_catalog.errors import CatalogError, ConfigError, KindError, MissingPackageError
 from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, Fix
 
 
@@ -43,6 +46,56 @@ def test_texts_are_short(catalog: lcp.Catalog) -> None:
     assert text.count("<tr>") == text.count("</tr>") > 10
     assert "<td>20</td>" in text
     assert "Sun at" in text
+
+
+def test_texts_of_results_are_short(catalog: lcp.Catalog) -> None:
+    """With what each is, and in a notebook a picture or a table below 200 kB."""
+    taken = posed.camera(size_px=40, focal_px=400.0)
+    frame = lcp.simulate(catalogs.HADLEY, taken, (96.0, 14.0), accuracy="draft", gsd_m=474.0)
+    shot = lcp.render(catalogs.HADLEY, center=(3.5, 26.0), size_km=10.0, sun=(96.0, 14.0))
+    same = lcp.diff(catalog, catalog)
+    other = lcp.diff(catalog, catalogs.catalog(30))
+    results = {
+        "SimulatedFrame: radiance (40, 40), numbers (40, 40), ": frame,
+        "Rendering: radiance (": shot,
+        "Image: name 'simulated', signal (40, 40), ": frame.image,
+        "Comparison: first 20, second 20, matched 20, came 0, ": same,
+        "Comparison: first 20, second 30, matched 20, came 10, ": other,
+        "DemSet: 1 file (hadley_gld100_256ppd.tif)": lcp.dem_set(catalogs.HADLEY),
+        "CameraInfo: camera, 0 problems": lcp.camera_info(taken),
+    }
+    for start, one in results.items():
+        assert repr(one).startswith(f"<{start}")
+        assert len(repr(one)) <= 1000
+        assert "array(" not in repr(one)
+    for shown in (frame, shot):
+        text = shown._repr_html_()
+        assert 1000 < len(text) < 200_000
+        assert '<img src="data:image/png;base64,' in text
+        assert "&lt;" in text
+    assert "<th>came</th><td>10</td>" in other._repr_html_()
+
+
+WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] = {
+    "no point asked for": (lambda c: c.query(posed.camera(), (96.0, 14.0), max=0), ConfigError, "`max` must be at least 1, not 0"),
+    "a catalogue as DEM": (lcp.DemSet.open, KindError, "`dem` must be the path of a DEM, several paths, or a DemSet, not Catalog"),
+    "a catalogue among DEMs": (lambda c: lcp.dem_set([c]), KindError, "several paths, or a DemSet, not Catalog"),
+    "a number as catalogue": (lambda c: lcp.open_catalog(5), KindError, "`path` must be the path of a catalogue, not int"),
+    "a figure that is not there": (lambda c: c.plot("usable"), CatalogError, "no key usable (usable_share is meant?); there are usable_share, claims, "),
+    "a variable that is not there": (lambda c: c["nonsense"], CatalogError, "the catalogue has no key nonsense; there are "),
+    "a misspelt variable": (lambda c: c["detecton_probability"], CatalogError, "no key detecton_probability (detection_probability is meant?)"),
+    "a point that is not there": (lambda c: c[1000], IndexError, "no point 1000: the catalogue has 20, from 0"),
+    "a fraction of a point": (lambda c: c[1.5], KindError, "`which` must be a row, a slice, rows, a mask, or the name of a variable, not float"),
+    "a number to merge": (lambda c: lcp.merge([c, 5], "none.h5"), KindError, "`catalogs` must be catalogues, or the paths of their files, not int"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_call_is_told_what_is_wanted(kind: str, catalog: lcp.Catalog) -> None:
+    call, error, says = WRONG[kind]
+    with pytest.raises(error, match=re.escape(says)) as raised:
+        call(catalog)
+    assert "\n" not in str(raised.value)
 
 
 def test_the_map_in_a_notebook_shows_relief_and_points(catalog: lcp.Catalog) -> None:
@@ -134,7 +187,7 @@ def test_tables(catalog: lcp.Catalog) -> None:
     chance = catalog["detection_probability"]
     one = chance.sel(view=0, sun_elevation=catalog.sun_elevation[1], image_scale=1.0)
     np.testing.assert_array_equal(one, np.asarray(catalog.detection_probability)[:, 0, 0, 1])
-    with pytest.raises(CatalogError, match="has no colour"):
+    with pytest.raises(CatalogError, match="has no key colour"):
         catalog["colour"]
 
 
@@ -221,7 +274,9 @@ def test_drawings(catalog: lcp.Catalog, monkeypatch: pytest.MonkeyPatch) -> None
     )
     patch = catalog.plot(3, sun=(90.0, 30.0)).images[0].get_array()
     assert patch.shape == (catalog.patch_nodes, catalog.patch_nodes)
-    with pytest.raises(CatalogError, match="has no dem to plot: it needs a figure of each point"):
+    with pytest.raises(
+        CatalogError, match="a figure of each point: no key dem; there are usable_share"
+    ):
         catalog.plot("dem")
 
 
