@@ -77,7 +77,7 @@ frame_options = collected(
 def query_choice(
     attitude_sigma_deg: float | None,
     height_sigma_m: float | None,
-    map_sigma_m: float,
+    map_sigma_m: float | None,
     pixel_sigma_px: float | None,
     most: int | None = None,
 ) -> Query:
@@ -119,11 +119,9 @@ known_options = option_group(
         "--map-sigma",
         "map_sigma_m",
         type=Number(0.0),
-        default=0.0,
-        show_default=True,
         metavar="M",
         help="1 sigma for each axis of a position error that all points share, such as an offset of the map in the "
-        "Moon-fixed frame.",
+        "Moon-fixed frame; default: that of the DEM's product (GLD100: 30), 0 where none is published.",
     ),
     click.option(
         "--pixel-sigma",

@@ -21,7 +21,7 @@ from ..arrays import AnyArray, Array, Index
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError, ConfigError, not_a, package, unknown_keys
 from ..geometry.bounds import Bounds
-from ..landmarks.error_model import ErrorModel
+from ..landmarks.error_model import ErrorModel, local_contrast
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .layout import (
     FIXED,
@@ -457,6 +457,14 @@ class Catalog(CatalogParts):
         their error ellipses that is no match's.
         """
         return ErrorModel.from_dict(self.errors).place_sigma_m(gsd_m)
+
+    def moving(self, rows: Index) -> Array:
+        """Share (n,) of the covariance of matches in an image's noise by which points (rows (n,)) are displaced
+        (`ErrorModel.moving`).
+        """
+        unknown = np.full(len(rows), np.nan)
+        contrast = unknown if self.albedo is None else local_contrast(self.albedo[rows])
+        return ErrorModel.from_dict(self.errors).moving(contrast)
 
     @cached_property
     def universal(self) -> NDArray[np.bool_]:

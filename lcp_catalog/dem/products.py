@@ -18,7 +18,8 @@ class ProductFacts:
     if nothing is published. ``calibrated_sigma_m``, ``calibrated_length_m``: 1 sigma and correlation
     length of height errors that explain images of the ground, ``calibration`` their source; None
     without a calibration. ``filled_beyond_deg``: north and south of this latitude the heights are
-    those of ``filled_with``; None if all heights are the product's own.
+    those of ``filled_with``; None if all heights are the product's own. ``tie_sigma_m``: 1 sigma, each axis, of the
+    place of the whole map in the Moon's frame, ``tie`` its source.
     """
 
     family: str
@@ -31,6 +32,8 @@ class ProductFacts:
     calibration: str = ""
     filled_beyond_deg: float | None = None
     filled_with: str = ""
+    tie_sigma_m: float | None = None
+    tie: str = ""
 
 
 _BARKER_2016 = (
@@ -61,6 +64,7 @@ _BURNS_2012 = (
     "vertical precision 1 to 2 m (the larger is taken); no true resolution is stated"
 )
 
+_WAC_TIE = "FGDC metadata of the WAC mosaic on Moon Trek: placed as well as LOLA, 12 to 50 m horizontally (their middle is taken)"
 _APOLLO_15 = "fitted to the Apollo 15 frames AS15-M-0414 and AS15-M-0295 on cells of 474 m (validation.error_fit)"
 
 _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
@@ -85,7 +89,18 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
         (
             r"GLD100",
             ProductFacts(
-                "GLD100", None, 20.0, 300.0, _SCHOLTEN_2012, 24.5, 530.0, _APOLLO_15, 79.0, "LOLA"
+                "GLD100",
+                None,
+                20.0,
+                300.0,
+                _SCHOLTEN_2012,
+                24.5,
+                530.0,
+                _APOLLO_15,
+                79.0,
+                "LOLA",
+                30.0,
+                _WAC_TIE,
             ),
         ),
         (r"NAC_DTM", ProductFacts("NAC_DTM", None, 2.0, None, _BURNS_2012)),

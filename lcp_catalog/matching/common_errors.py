@@ -1,5 +1,5 @@
 """Errors that the matches of several points have in common: by terrain that neighbouring patches share,
-and by shadows below a cell.
+by shadows below a cell, and by the place of the map.
 
 A match errs because the DEM and the brightness of its patch are not quite those of the ground. Two
 patches that overlap have part of these errors in common. Measured in simulated frames by an
@@ -11,6 +11,8 @@ not show; such a render is found away from the Sun. All points of a level err al
 with the Sun's elevation h as 1 - (h / `HIGHEST_RAD`)^2, as in renders of made relief that were averaged
 to cells (`shadow_shift.py` of c896266); its size at grazing light, in cells, is `errors.shadow_shift`
 of the build. How rough the ground is below a cell is not known, so it is an error and not a correction.
+
+A map lies in the Moon's frame as well as it was tied to it (`dem.products`): a position moves with it.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, ground_slopes
 from ..catalog.catalogue import Catalog
+from ..dem.products import facts_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +117,11 @@ def shadow_shift_px(catalog: Catalog, rows: Index, sensor: Sensor, suns: ArrayLi
     shift = shadow_shift_m(catalog, rows, np.einsum("nij,nj->ni", rotation, np.asarray(suns)))
     slope = ground_slopes(sensor, catalog.position_mcmf[rows], rotation)
     return np.asarray(np.einsum("nij,nj->ni", slope, shift))
+
+
+def map_sigma_m(catalog: Catalog, rows: Index) -> float:
+    """1 sigma, each axis, metres, of the place of the map that points (rows (n,)) were cut from: the largest of its
+    products, 0 where none is published.
+    """
+    products = set(catalog.part("dem_product", rows).tolist())
+    return max((facts_of(name).tie_sigma_m or 0.0 for name in products), default=0.0)

@@ -28,7 +28,7 @@ from ..images.image import Image
 from ..landmarks.located import GATE, SIGNIFICANT
 from ..photometry.laws import Reflectance
 from . import sun_check
-from .common_errors import shadow_shift_px
+from .common_errors import map_sigma_m, shadow_shift_px
 from .consensus import (
     independent_share,
     widened,
@@ -259,6 +259,7 @@ class _JointSearch:
             [True],
             common_px=math.hypot(self.common_px, doubt_px),
             shift_px=shadow_shift_px(self.catalog, row, self.given, sun),
+            map_m=map_sigma_m(self.catalog, row),
         )
 
     def is_beyond(self, off_px: Array, covariance_px2: Array) -> bool:

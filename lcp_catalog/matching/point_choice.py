@@ -28,6 +28,7 @@ from ..catalog.stored import narrowed
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..images.image import Image
+from ..landmarks.point_spread import sharper_sigma
 
 NO_CLAIM = 0.5
 """Probability of a match before the search where the catalogue claims nothing."""
@@ -35,17 +36,22 @@ NO_CLAIM = 0.5
 LEAST_SIGMA_PX = 0.02
 """1 sigma, each axis, of what a match errs beyond its covariance."""
 
+_LEAST_MOVING = 1e-3
+"""Share of the noise that displaces matches below which that of a claim says nothing about the rest."""
+
 
 @dataclass(frozen=True, eq=False)
 class PointClaims:
     """Claims about n points. ``probability`` (n,): that a search finds the point; ``covariance_px2``
     (n, 2, 2): of the match, pixels of the searched image; ``usable`` (n,): the catalogue calls it
-    usable. NaN, False: no claim.
+    usable. NaN, False: no claim. ``still_px2`` (n, 2, 2): covariance of the match in that part of the noise
+    which the catalogue foresees and of which it knows that it displaces no match; 0 without a claim.
     """
 
     probability: Array
     covariance_px2: Array
     usable: Mask
+    still_px2: Array
 
     @classmethod
     def of(
@@ -57,12 +63,23 @@ class PointClaims:
         slope = ground_slopes(
             sensor, catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
         )
-        covariance = slope @ stated.covariance_m2 @ np.swapaxes(slope, -1, -2)
-        return cls(probability, covariance, stated.usable)
+        turned = np.swapaxes(slope, -1, -2)
+        covariance = slope @ stated.covariance_m2 @ turned
+        place_m = catalog.place_sigma_m(catalog.gsd[rows]) * sharper_sigma(sensor.factor)
+        by_noise = covariance - place_m[:, None, None] ** 2 * (slope @ turned)
+        moving = np.maximum(catalog.moving(rows), _LEAST_MOVING)
+        still = np.nan_to_num((1.0 / moving - 1.0)[:, None, None] * by_noise)
+        return cls(probability, covariance, stated.usable, still)
 
     def some(self, part: slice) -> PointClaims:
         """The claims about some of the points."""
-        return PointClaims(self.probability[part], self.covariance_px2[part], self.usable[part])
+        return PointClaims(*(values[part] for values in vars(self).values()))
+
+    def of_matches(self, noise_px2: Array) -> Array:
+        """Covariances (n, 2, 2) of matches from those in all of an image's noise: noise as it is foreseen counts as in a
+        claim, any more counts whole; not smaller in any direction than the claim.
+        """
+        return at_least(noise_px2 - self.still_px2, self.covariance_px2)
 
 
 def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike) -> Prediction:

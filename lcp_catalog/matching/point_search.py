@@ -33,7 +33,7 @@ from ..landmarks.point_spread import POINT_SPREAD_PX, reduced_spread_px
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
-from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, at_least, points_in_view
+from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, points_in_view
 from .templates import LEAST_COVER, PlacedPatches, Templates, render_patches
 
 _FILL_PX = 33
@@ -208,8 +208,9 @@ def find_points(
     Returns
     -------
     Matches
-        ``found`` (n,), ``found_px`` (n, 2), ``covariance_px2`` (n, 2, 2): not smaller in any direction
-        than the catalogue claims for the image's Sun, view and scale; ``counts()`` by reason.
+        ``found`` (n,), ``found_px`` (n, 2), ``covariance_px2`` (n, 2, 2): of the image's noise as far as it
+        displaces matches (`PointClaims.of_matches`), and not smaller in any direction than the catalogue claims for the
+        image's Sun, view and scale; ``counts()`` by reason.
 
     Raises
     ------
@@ -300,7 +301,7 @@ def _as_matches(
         templates.point,
         full_pixels(templates.predicted_px, f),
         full_pixels(templates.predicted_px + shift, f),
-        at_least(covariance, claims.covariance_px2) * f**2,
+        claims.of_matches(covariance) * f**2,
         np.where(np.isfinite(precise[:, 2]), precise[:, 2], found[:, 2]),
         found[:, 3],
         back * f,

@@ -162,6 +162,7 @@ def solve(
     shared: SharedTerrain | None = None,
     common_px: float = 0.0,
     shift_px: ArrayLike | None = None,
+    map_m: float = 0.0,
 ) -> Pose:
     """The sensor corrected by points (n, 3), MCMF metres, found at pixels (n, 2), each with its
     covariance (n, 2, 2).
@@ -173,6 +174,7 @@ def solve(
     ``shared``: pairs of the n points whose patches overlap, so that they have errors in common.
     ``common_px``: 1 sigma of an error that is the same for all places, in either coordinate.
     ``shift_px`` (n, 2): 1 sigma of an error that moves every place by its own shift times one number.
+    ``map_m``: 1 sigma, each axis, of an error of place that is the same for all points.
     They add to the covariance and change nothing else.
     """
     problem = _problem(
@@ -189,6 +191,7 @@ def solve(
         covariance=problem.covariance(last.matrix)
         + problem.pulled(last, common_px * np.eye(2))
         + problem.pulled(last, _columns(shift_px))
+        + problem.pulled(last, _with_the_map(corrected, points_mcmf_m, map_m))
         + problem.shared(last, shared),
         solved=problem.sigmas > 0.0,
         used=problem.used,
@@ -200,6 +203,13 @@ def solve(
 
 def _columns(shift_px: ArrayLike | None) -> Array:
     return np.zeros((2, 1)) if shift_px is None else np.asarray(shift_px, np.float64)[..., None]
+
+
+def _with_the_map(sensor: Sensor, points_mcmf_m: ArrayLike, map_m: float) -> Array:
+    """What ``map_m`` along each axis of a sensor's place moves its points by, (n, 2, 3), or (n, 2, 2) of a map's."""
+    if map_m == 0.0:
+        return np.zeros((2, 1))
+    return map_m * jacobian(sensor, points_mcmf_m)[..., :3]
 
 
 def residuals_px(sensor: Sensor, points_mcmf_m: ArrayLike, found_px: ArrayLike) -> Array:

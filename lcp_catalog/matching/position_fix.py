@@ -26,7 +26,7 @@ from ..images.image_file import open_image
 from ..landmarks.located import SIGNIFICANT, log10_false_alarms
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from .common_errors import SharedTerrain, shadow_shift_px
+from .common_errors import SharedTerrain, map_sigma_m, shadow_shift_px
 from .consensus import (
     SHARE_IF_HERE,
     Consensus,
@@ -412,6 +412,7 @@ class _FixSearch:
             shared=shared,
             common_px=math.hypot(self.options.common_px * self.factor, doubt_px),
             shift_px=shadow_shift_px(self.catalog, matches.point, self.image.sensor, suns),
+            map_m=map_sigma_m(self.catalog, matches.point[agrees]),
         )
 
     def refused(

@@ -33,7 +33,7 @@ from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..landmarks.point_spread import sharper_sigma
 from ..light.sun_choice import SunChoice, SunStated
-from ..matching.common_errors import SharedTerrain, shadow_shift_m
+from ..matching.common_errors import SharedTerrain, map_sigma_m, shadow_shift_m
 from ..matching.joint_detection import JointDetection, joint_detection
 from ..matching.point_choice import LEAST_SIGMA_PX
 from ..matching.pose import covariance_of, jacobian
@@ -225,7 +225,8 @@ class Query:
     (`information.best_points`); None: all usable ones. ``attitude_sigma_rad``: 1 sigma of the known
     attitude about each axis; inf: unknown, 0: exact. ``height_sigma_m``: 1 sigma of the points'
     heights in place of the catalogue's ``elevation_sigma``. ``map_sigma_m``: 1 sigma, each axis, of
-    an error of place that is the same for all points. ``pixel_sigma_px``: 1 sigma, each axis, of what
+    an error of place that is the same for all points; None: that of the points' DEM
+    (`common_errors.map_sigma_m`). ``pixel_sigma_px``: 1 sigma, each axis, of what
     a match errs beyond its claim, pixels of the searched image, which are not finer than the cells;
     `Criteria.floor_px` of a search. ConfigError for fewer than one point, and for a sigma below 0.
     """
@@ -233,7 +234,7 @@ class Query:
     most: int | None = None
     attitude_sigma_rad: float = math.inf
     height_sigma_m: float | None = None
-    map_sigma_m: float = 0.0
+    map_sigma_m: float | None = None
     pixel_sigma_px: float = LEAST_SIGMA_PX
 
     def __post_init__(self) -> None:
@@ -383,6 +384,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         np.einsum("nij,nj->ni", level, shadow_shift_m(catalog, rows, rotation @ points.frame.sun)),
     )
     middle = _position(sensor)
+    tie = map_sigma_m(catalog, rows) if query.map_sigma_m is None else query.map_sigma_m
     listed = np.arange(len(rows))
     if query.most is not None and len(rows):
         distance = float(np.linalg.norm(places - middle, axis=-1).mean())
@@ -405,7 +407,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         np.stack([claims.sigma_major_m[chosen], claims.sigma_minor_m[chosen]], axis=-1),
         claims.sigma_angle_deg[chosen],
         points.counts,
-        _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query),
+        _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query, tie),
         (float(of_sun), float(above)),
         joint_of(catalog, points, query),
     )
@@ -444,8 +446,11 @@ def _expected(
     pixel_m: Array,
     to_enu: Array,
     query: Query,
+    tie_m: float,
 ) -> ExpectedPosition:
-    """``errors``: the parts of the covariances of the places in the image, by source."""
+    """``errors``: the parts of the covariances of the places in the image, by source; ``tie_m``: 1 sigma, each axis, of
+    the map's place.
+    """
     count, expected = len(information), float(information.probability.sum())
     if count < LEAST_POINTS:
         few = "no usable point" if not count else f"{count} usable point{'s' * (count > 1)}"
@@ -457,7 +462,7 @@ def _expected(
             )
         return ExpectedPosition(None, None, None, to_enu, expected, reason)
     covariance, known = information.covariance(), information.covariance_known_attitude()
-    shared, budget = query.map_sigma_m**2 * np.eye(3), None
+    shared, budget = tie_m**2 * np.eye(3), None
     if covariance is not None:
         parts = {name: information.part_of(part) for name, part in errors.items()}
         parts |= {"map": np.pad(shared, ((0, 3), (0, 3))), "attitude": information.attitude_part()}
@@ -490,7 +495,7 @@ def query(
     most: int | None = None,
     attitude_sigma_deg: float = math.inf,
     height_sigma_m: float | None = None,
-    map_sigma_m: float = 0.0,
+    map_sigma_m: float | None = None,
     pixel_sigma_px: float = LEAST_SIGMA_PX,
 ) -> Answer:
     """Points of a catalogue that a camera can use under a Sun, and the expected accuracy of a position
@@ -513,7 +518,7 @@ def query(
     height_sigma_m:
         1 sigma of the points' heights; None: the catalogue's.
     map_sigma_m:
-        1 sigma, each axis, of an error of place common to all points.
+        1 sigma, each axis, of an error of place common to all points; None: that of the points' DEM, where it is published.
     pixel_sigma_px:
         1 sigma, each axis, of what a match errs beyond its claim, pixels not finer than the cells.
 
@@ -551,7 +556,7 @@ def query_trajectory(
     most: int | None = None,
     attitude_sigma_deg: float = math.inf,
     height_sigma_m: float | None = None,
-    map_sigma_m: float = 0.0,
+    map_sigma_m: float | None = None,
     pixel_sigma_px: float = LEAST_SIGMA_PX,
 ) -> Iterator[Answer]:
     """The answers of `query` for the frames of a trajectory, one after another.

@@ -22,6 +22,7 @@ from ..catalog.summary import Statistics, summary, summary_rows
 from ..catalog.verification import open_catalog
 from ..constants import FRAME
 from ..errors import ConfigError
+from ..matching.common_errors import map_sigma_m
 from ..navigation.expected_position import SOURCES, Answer, Query, answers
 from ..navigation.frame_points import PlannedImage
 from ..plots.numbers import number, page
@@ -196,15 +197,16 @@ def point_budget(catalog: Catalog, query: Query) -> list[tuple[str, str, str]]:
         ("place on the ground, each axis (errors.position_sigma_m)", *_spread(place)),
         ("both together, as the catalogue states them", *_spread(major)),
         ("height (elevation_sigma)", *_spread(heights[np.isfinite(heights)])),
-        ("tie of the map, common to all points, each axis (stated)", *_map_tie(query)),
+        ("tie of the map, common to all points, each axis", *_map_tie(catalog, query)),
         (f"frame: {FRAME}; taken for MOON_PA, a point is 875 m off", "–", "–"),
     ]
 
 
-def _map_tie(query: Query) -> tuple[str, str]:
-    if query.map_sigma_m <= 0.0:
-        return "not stated", "not stated"
-    return _spread(np.array([query.map_sigma_m]))
+def _map_tie(catalog: Catalog, query: Query) -> tuple[str, str]:
+    tie = query.map_sigma_m
+    if tie is None:
+        tie = map_sigma_m(catalog, np.arange(len(catalog)))
+    return _spread(np.array([tie])) if tie > 0.0 else ("not stated", "not stated")
 
 
 def _sigmas(catalog: Catalog) -> Array:

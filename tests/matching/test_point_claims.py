@@ -118,6 +118,37 @@ def test_no_match_is_better_than_its_claim() -> None:
         np.testing.assert_allclose(found.covariance_px2[good], wanted[good], rtol=1e-6)
 
 
+@pytest.mark.parametrize("factor", [1, 2])
+def test_noise_that_is_foreseen_counts_as_in_the_claim_and_more_counts_whole(factor: int) -> None:
+    """A claim of 10 x 5 m, of which the place has 4 m, by a quarter of the noise: three times its part by noise is foreseen
+    and displaces nothing. The ellipse on the ground through the full camera by finite differences.
+    """
+    full, plain = hadley_photo(), hadley_catalog()
+    photo = full.reduced(factor)
+    model = plain.errors | {"albedo_sigma": 0.0, "moving_share": 0.25, "position_sigma_m": 4.0}
+    moved = replace(hadley(10.0), errors=model)
+    rows = points_in_view(plain, photo.sensor)
+    fit, own = (find_points(one, photo, LAW, 20.0 * factor, points=rows) for one in (plain, moved))
+    sharper = {1: 1.0, 2: 0.93}[factor] ** 2
+    np.testing.assert_array_equal(own.found_px, fit.found_px)
+    noisy = 0
+    for k in np.flatnonzero(fit.found & np.isfinite(own.prior)):
+        axes, place = plain.rotation_mcmf_to_enu[rows[k]], plain.position_mcmf[rows[k]]
+        ends = full.sensor.project(place + np.array([[1.0], [-1.0]])[..., None] * axes[:2])
+        slope = 0.5 * (ends[0] - ends[1]).T  # pixels per metre east, north
+        claim = sharper * slope @ np.diag([25.0, 100.0]) @ slope.T
+        foreseen = sharper * slope @ np.diag([25.0 - 16.0, 100.0 - 16.0]) @ slope.T / 0.25
+        wanted = fit.covariance_px2[k] - 0.75 * foreseen
+        if np.linalg.eigvals(np.linalg.solve(claim, wanted)).min() > 1.0:
+            noisy += 1
+            np.testing.assert_allclose(
+                own.covariance_px2[k], wanted, rtol=0.0, atol=0.04 * np.trace(claim)
+            )
+        least = np.linalg.eigvalsh(own.covariance_px2[k] - 0.97 * claim)  # sigmas are packed
+        assert least.min() > 0.0
+    assert noisy >= {1: 3, 2: 1}[factor]
+
+
 # -- prior and posterior
 
 

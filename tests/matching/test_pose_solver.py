@@ -118,6 +118,37 @@ def test_an_error_that_all_share_is_reckoned_where_the_camera_is_found() -> None
     assert np.abs((shared.covariance - plain.covariance - added) / unit).max() < 5e-3
 
 
+@pytest.mark.parametrize("prior_m", [20.0, 5000.0])
+def test_a_position_moves_with_the_map(prior_m: float) -> None:
+    """Against solutions by ground that is moved 30 m along each axis; a position that is known well moves less."""
+    dice = np.random.default_rng(22)
+    known = camera(tilt=(0.2, 0.0, 0.5))
+    points = ground(known, 60, dice)
+    covariance = covariances(60, dice)
+    found, agrees, prior = known.project(points), np.full(60, True), Uncertainty(prior_m, 0.01)
+    plain = solve(known, points, found, covariance, prior, agrees)
+    tied = solve(known, points, found, covariance, prior, agrees, map_m=30.0)
+    moves = [
+        solve(known, points + 30.0 * axis, found, covariance, prior, agrees).correction
+        for axis in np.eye(3)
+    ]
+    added = sum(np.outer(move, move) for move in moves)
+    unit = np.outer(tied.sigma, tied.sigma)
+    assert np.abs((tied.covariance - plain.covariance - added) / unit).max() < 5e-3
+    whole = np.trace(added[:3, :3]) / (3 * 30.0**2)
+    assert whole == pytest.approx(1.0, abs=0.02) if prior_m > 1000.0 else whole < 0.8
+
+
+def test_a_maps_shift_has_the_error_of_the_other_map() -> None:
+    points = HADLEY.to_mcmf([[0.0, 0.0, 0.0], [4e3, 2e3, 0.0]])
+    found = PlainMap().project(points)
+    one, tied = (
+        solve(PlainMap(), points, found, rounds(2), Uncertainty(1e4), [True] * 2, map_m=m)
+        for m in (0.0, 30.0)
+    )
+    np.testing.assert_allclose(tied.covariance - one.covariance, 900.0 * np.eye(2), atol=5.0)
+
+
 def judged(chi2: float, dof: float) -> Pose:
     """A pose with figures only."""
     pose = solve(PlainMap(), HADLEY.to_mcmf([[0.0, 0.0, 0.0]]), [[499.5, 499.5]], rounds(1), Uncertainty(1.0))  # fmt: skip

@@ -15,15 +15,18 @@ from helpers import located_frames as frames
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.matching.point_choice import PointClaims, working_image
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, locate
+from lcp_catalog.navigation.expected_position import Query, answers
+from lcp_catalog.navigation.frame_points import PlannedImage
 
 pytestmark = pytest.mark.slow
 
 UNCERTAIN = Uncertainty(frames.OFF_M, frames.OFF_RAD)
-SQUARED_99 = 11.3
-"""chi2 of three degrees of freedom at 99 %. With only the part of the noise that displaces matches in their covariances, the
-far side's is 12.8."""
+SQUARED_3_SIGMA = 14.2
+"""chi2 of three degrees of freedom at the 99.73 % of 3 sigma."""
 
 NEAR = {"AS15-M-0414": (1.0, 22.0, 8.0, 29.0), "AS15-M-0295": (143.8, -24.8, 150.8, -18.0)}
 """Bounds of the built area, degrees."""
@@ -49,10 +52,31 @@ def test_the_camera_comes_back(key: str, shared_data: Path, folder: Path) -> Non
         assert answer.verdict == LOCATED, answer.reason
         error = position_error(answer.pose, photo.sensor)
         assert error.error.whole_m < 1000.0
-        assert error.squared < SQUARED_99
+        assert error.squared < SQUARED_3_SIGMA
         assert error.sigma.whole_m < 500.0
         assert answer.matches.found.sum() > 50
         assert frames.worst_off_m(answer, catalog, photo.sensor) < 1.5 * frames.DEM_PIXEL_M
+
+
+@pytest.mark.parametrize("key", NEAR)
+def test_matches_have_the_covariances_that_are_claimed(
+    key: str, shared_data: Path, folder: Path
+) -> None:
+    """So `query` states what `locate` reaches (1.5 times the claimed sigmas while all of the noise counted)."""
+    catalog, photo = of(key, shared_data, folder), frames.frame(shared_data, key)
+    fix = locate(catalog, frames.displaced(photo, 0), UNCERTAIN, frames.LAW)
+    used = fix.matches.found & fix.matches.usable
+    rows = fix.matches.point[used]
+    image = working_image(catalog, photo.with_sensor(fix.pose.sensor), rows)
+    suns = image.sun_directions(catalog.position_mcmf[rows])
+    claim = PointClaims.of(catalog, rows, image.sensor, suns).covariance_px2
+    own = fix.matches.covariance_px2[used] / image.sensor.factor**2
+    times = (np.linalg.det(own) / np.linalg.det(claim)) ** 0.25
+    assert len(times) > 20
+    assert np.median(times) < 1.25
+    asked = Query(attitude_sigma_rad=UNCERTAIN.attitude_rad)
+    (answer,) = answers(catalog, [PlannedImage.lit(photo.sensor, SunChoice())], asked)
+    assert answer.position.position_sigma_m == pytest.approx(fix.pose.position_sigma_m, rel=0.12)
 
 
 def test_another_place_is_refused(shared_data: Path, folder: Path) -> None:

@@ -62,6 +62,18 @@ def taken() -> Camera:
     return replace(camera(tilt=(0.03, -0.05, 0.4)), distortion=np.array(BENT))
 
 
+@pytest.mark.parametrize(("product", "tie_m"), [("GLD100_256", 30.0), ("made_59m", 0.0)])
+def test_without_a_stated_one_the_maps_error_is_that_of_its_product(
+    catalog: Catalog, taken: Camera, product: str, tie_m: float
+) -> None:
+    names = np.full(len(catalog), "made_59m", object)
+    names[len(names) // 2] = product  # the largest of several counts
+    cut = replace(catalog, dem_product=names)
+    own, stated = (asked(cut, taken, Query(map_sigma_m=m)).position for m in (None, tie_m))
+    assert own.budget_m == stated.budget_m
+    np.testing.assert_array_equal(own.covariance, stated.covariance)
+
+
 def by_opencv(taken: Camera, points: np.ndarray, correction: np.ndarray) -> np.ndarray:
     """Pixels (n, 2) of the camera moved by a shift and a turn."""
     rotation = turned(correction[3:]) @ taken.rotation_mcmf_to_camera

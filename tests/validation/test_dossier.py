@@ -98,6 +98,10 @@ def test_errors_of_a_point_are_those_of_the_usable_conditions() -> None:
     for found, want in zip(rows["match"], stated, strict=True):
         assert float(found) == pytest.approx(np.sqrt(want**2 - 144.0), rel=0.01)
     assert rows["tie of the map"] == ["not stated", "not stated"]
+    gld = replace(catalog, dem_product=np.full(len(catalog), "GLD100_256", object))
+    for query, metres in ((Query(), "30"), (Query(map_sigma_m=7.0), "7")):
+        (row,) = (row for row in point_budget(gld, query) if row[0].startswith("tie"))
+        assert row[1:] == (metres, metres)
 
 
 def test_the_page_shows_verdict_budget_and_evidence(
