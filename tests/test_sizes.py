@@ -66,7 +66,8 @@ BUDGETS = {
     # 140 light by way of other ground in builds and validations, switches of two more approximations, prices of the others
     # 125 times of lcp trade over runs between, finer settings for a budget, its confirmation within the time limit
     # 56 short texts and pictures of results, wrong calls in Python
-    "code lines, lcp_catalog": 46454,
+    # 44 of foreseen noise matches count a part, a map's place in the Moon's frame
+    "code lines, lcp_catalog": 46498,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -106,7 +107,8 @@ BUDGETS = {
     # 125 two passes measured
     # 177 indexes of catalogues
     # 167 what a budget takes and when nothing more is begun, light by way of other ground in builds
-    "words of docs": 54882,
+    # 91 of foreseen noise matches count a part, a map's place in the Moon's frame
+    "words of docs": 54973,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
