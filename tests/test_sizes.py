@@ -108,7 +108,8 @@ BUDGETS = {
     # 177 indexes of catalogues
     # 167 what a budget takes and when nothing more is begun, light by way of other ground in builds
     # 91 of foreseen noise matches count a part, a map's place in the Moon's frame
-    "words of docs": 54973,
+    # 113 of foreseen noise matches count a part, a map's place in the Moon's frame
+    "words of docs": 54995,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
