@@ -10,7 +10,6 @@ import json
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,70 +39,87 @@ because the file is new, and synced as a whole before it gets its name.
 _URN = "urn:ogc:def:crs:IAU:2015:30100"
 
 Fields = dict[str, AnyArray]
-Layer = tuple[str, str, Any, Fields]
+Footprints = list[list[Array]]
+"""Of each patch its polygons, each a closed ring (m, 2), counter-clockwise: longitudes and latitudes, degrees."""
+Layer = tuple[str, str, Array | Footprints, Fields]
 
 
-def layers(points: ExportedPoints, wanted_for: str) -> Iterator[Layer]:
-    """Name, type of geometry, geometries and fields of each layer. MissingPackageError without
-    shapely.
-    """
-    shapely = package("shapely", "gis", wanted_for)
+def layers(points: ExportedPoints) -> Iterator[Layer]:
+    """Name, type of geometry, coordinates (of points (n, 2) or (n, 3)) and fields of each layer."""
     columns = points.columns()
     fields = {column.name: column.values for column in columns}
-    yield "points", "Point Z", shapely.points(points.lonlat_height), fields
+    yield "points", "Point Z", points.lonlat_height, fields
     few = {name: fields[name] for name in ("point_id", "gsd_m", "level", "usable_share", "frame")}
-    yield "footprints", "MultiPolygon", _footprints(points, shapely), few
+    yield "footprints", "MultiPolygon", _footprints(points), few
     found = cells(points)
     places = np.stack([found["longitude_deg"], found["latitude_deg"]], -1)
     status = np.array([COVERAGE_STATUS[code] for code in found["status"].tolist()], dtype=object)
     frame = np.full(len(status), points.frame.name, object)
-    yield "coverage", "Point", shapely.points(places), {"status": status, "frame": frame}
+    yield "coverage", "Point", places, {"status": status, "frame": frame}
 
 
-def _footprints(points: ExportedPoints, shapely: Any) -> AnyArray:
-    """Outlines of the patches through their outermost nodes, multi-polygons (n,)."""
+def _footprints(points: ExportedPoints) -> Footprints:
+    """Outlines of the patches through their outermost nodes."""
     side = points.catalog.patch_nodes - 1
     steps = np.unique(np.linspace(0, side, _SIDE + 1).round().astype(int))
     low, high = np.zeros(len(steps) - 1, int), np.full(len(steps) - 1, side)
     go, back = steps[:-1], steps[:0:-1]
-    rows = np.concatenate([low, go, high, back])
-    columns = np.concatenate([go, high, back, low])[::-1]  # counter-clockwise seen from above
-    rows = rows[::-1]
-    found = []
+    rows = np.concatenate([low, go, high, back, low[:1]])
+    columns = np.concatenate([go, high, back, low, go[:1]])[::-1]
+    rows = rows[::-1]  # counter-clockwise seen from above
+    found: Footprints = []
     for block, dem in points.blocks("dem"):
         lon, lat, _ = mcmf_to_lonlat(points.nodes_m(block, dem)[:, rows, columns])
         lon = wrapped_deg(lon)
-        whole = shapely.multipolygons(shapely.polygons(np.stack([lon, lat], -1))[:, None])
+        whole = [[ring] for ring in np.stack([lon, lat], -1)]
         for k in np.flatnonzero(np.ptp(lon, axis=1) > 180.0):
-            whole[k] = outline(lon[k], lat[k], shapely)
-        found.append(whole)
-    return np.concatenate(found)
+            whole[k] = outline(lon[k, :-1], lat[k, :-1])
+        found += whole
+    return found
 
 
-def outline(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
-    """Multi-polygon within longitudes -180..180 of a convex ring of places (m,) on the sphere."""
+def outline(lon_deg: Array, lat_deg: Array) -> list[Array]:
+    """Polygons within longitudes -180..180 of a convex ring of places (m,) on the sphere."""
     lon = np.unwrap(np.append(lon_deg, lon_deg[0]), period=360.0)
     if abs(lon[-1] - lon[0]) > 180.0:
-        return shapely.MultiPolygon(
-            [shapely.orient_polygons(_around_pole(lon_deg, lat_deg, shapely))]
-        )
-    whole = shapely.Polygon(np.stack([lon, np.append(lat_deg, lat_deg[0])], -1))
+        return [_closed(_around_pole(lon_deg, lat_deg))]
+    whole = np.stack([lon[:-1], lat_deg], -1)
     first, last = np.floor((lon.min() + 180.0) / 360.0), np.ceil((lon.max() + 180.0) / 360.0)
-    parts: list[Any] = []
+    parts = []
     for turn in np.arange(first, last) * 360.0:
-        part = whole.intersection(shapely.box(turn - 180.0, -90.0, turn + 180.0, 90.0))
-        parts.append(shapely.transform(part, lambda xy, by=turn: xy - [by, 0.0]))
-    return shapely.MultiPolygon([shapely.orient_polygons(one) for one in parts])
+        part = _cut(_cut(whole - [turn, 0.0], -180.0, 1.0), 180.0, -1.0)
+        parts += [_closed(part)] if len(part) > 2 else []
+    return parts
 
 
-def _around_pole(lon_deg: Array, lat_deg: Array, shapely: Any) -> Any:
-    """Polygon of a ring around a pole, from one edge of the map to the other and along the pole."""
+def _cut(ring: Array, edge: float, side: float) -> Array:
+    """The part of a convex ring (m, 2) where the first coordinate is above the edge (``side`` 1) or below it (-1)."""
+    kept: list[Array] = []
+    for here, there in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+        a, b = side * (here[0] - edge), side * (there[0] - edge)
+        if a >= 0.0:
+            kept.append(here)
+        if a * b < 0.0:
+            kept.append(np.array([edge, here[1] + (there[1] - here[1]) * a / (a - b)]))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _closed(ring: Array) -> Array:
+    """A ring (m, 2) counter-clockwise, its first place again at the end."""
+    x, y = ring.T
+    turned = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0
+    ring = ring[::-1] if turned else ring
+    return np.concatenate([ring, ring[:1]])
+
+
+def _around_pole(lon_deg: Array, lat_deg: Array) -> Array:
+    """A ring around a pole, from one edge of the map to the other and along the pole."""
     order = np.argsort(wrapped_deg(lon_deg))
     lon, lat = wrapped_deg(lon_deg)[order], lat_deg[order]
     edge = np.interp(180.0, [lon[-1], lon[0] + 360.0], [lat[-1], lat[0]])
     pole = 90.0 if lat.mean() > 0.0 else -90.0
     ends = [(180.0, edge), (180.0, pole), (-180.0, pole), (-180.0, edge)]
-    return shapely.Polygon([*zip(lon, lat, strict=True), *ends])
+    return np.concatenate([np.stack([lon, lat], -1), ends])
 
 
 def write_geopackage(points: ExportedPoints, path: Path) -> None:
@@ -117,8 +133,12 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
     pyogrio.set_gdal_config_options(_OPTIONS)
 
     def write(files: tuple[Path, Path]) -> None:
-        for name, kind, geometry, fields in layers(points, "a .gpkg file"):
+        for name, kind, places, fields in layers(points):
             first = name == "points"
+            if isinstance(places, list):
+                geometry = [shapely.MultiPolygon(list(map(shapely.Polygon, one))) for one in places]
+            else:
+                geometry = shapely.points(places)
             for file in files:
                 pyogrio.raw.write(
                     file,
@@ -144,9 +164,7 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
 def write_geojson(points: ExportedPoints, path: Path) -> None:
     """The features of the three layers in one collection; the property ``layer`` names theirs. The
     member ``crs`` (GeoJSON 2008; RFC 7946 has only the Earth's WGS 84) holds the lunar CRS.
-    MissingPackageError without shapely.
     """
-    shapely = package("shapely", "gis", "a .geojson file")
     crs = _URN if points.frame.name == FRAME else points.frame.crs
     head = {
         "type": "FeatureCollection",
@@ -157,12 +175,19 @@ def write_geojson(points: ExportedPoints, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(json.dumps(head)[:-1] + ', "features": [')
         between = "\n"
-        for name, _, geometry, fields in layers(points, "a .geojson file"):
+        for name, kind, places, fields in layers(points):
             rows = zip(*(plain(values, None) for values in fields.values()), strict=True)
-            shapes = shapely.to_geojson(geometry)
-            for shape, row in zip(shapes, rows, strict=True):
-                properties = json.dumps({"layer": name} | dict(zip(fields, row, strict=True)))
-                feature = f'{{"type": "Feature", "properties": {properties}, "geometry": {shape}}}'
-                file.write(between + feature)
+            for place, row in zip(places, rows, strict=True):
+                shape = (
+                    [[ring.tolist()] for ring in place]
+                    if isinstance(place, list)
+                    else place.tolist()
+                )
+                feature = {
+                    "type": "Feature",
+                    "properties": {"layer": name} | dict(zip(fields, row, strict=True)),
+                    "geometry": {"type": kind.partition(" ")[0], "coordinates": shape},
+                }
+                file.write(between + json.dumps(feature))
                 between = ",\n"
         file.write("\n]}\n")

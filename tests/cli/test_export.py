@@ -67,7 +67,7 @@ def test_refusals_leave_nothing(
     ("ending", "name", "extra"),
     [
         (".gpkg", "pyogrio", "gis"),
-        (".geojson", "shapely", "gis"),
+        (".gpkg", "shapely", "gis"),
         (".parquet", "pyarrow", "gis"),
         (".bds", "spiceypy", "spice"),
     ],

@@ -123,7 +123,7 @@ def test_geojson_says_that_it_is_lunar(written) -> None:
 
 def test_a_footprint_across_the_antimeridian_is_cut_there() -> None:
     lon, lat = np.array([179.0, 179.0, 181.0, 181.0]), np.array([1.0, -1.0, -1.0, 1.0])
-    shape = outline(lon, lat, shapely)
+    shape = shapely.MultiPolygon([shapely.Polygon(ring) for ring in outline(lon, lat)])
     assert shape.area == pytest.approx(4.0)
     assert [part.bounds for part in shape.geoms] == [
         (179.0, -1.0, 180.0, 1.0),
@@ -131,10 +131,29 @@ def test_a_footprint_across_the_antimeridian_is_cut_there() -> None:
     ]
 
 
+def test_a_cut_footprint_is_that_of_shapely() -> None:
+    """Convex rings of any place and size across the antimeridian, against GEOS' intersection with the map."""
+    dice = np.random.default_rng(5)
+    for _ in range(200):
+        turn = np.sort(dice.uniform(0.0, 2.0 * np.pi, 12))
+        ring = np.stack([180.0 + dice.uniform(0.1, 30.0) * np.cos(turn), 40.0 * np.sin(turn)], -1)
+        ring[:, 0] += dice.uniform(-30.0, 30.0)
+        whole = shapely.Polygon(ring)
+        found = [shapely.Polygon(one) for one in outline(*ring[:: dice.choice([1, -1])].T)]
+        assert all(shapely.is_ccw(one.exterior) for one in found)
+        parts = [
+            whole.intersection(shapely.box(x, -90.0, x + 360.0, 90.0)) for x in (-180.0, 180.0)
+        ]
+        moved = [shapely.transform(parts[1], lambda xy: xy - [360.0, 0.0]), parts[0]]
+        other = shapely.union_all([one for one in moved if not one.is_empty])
+        assert shapely.union_all(found).symmetric_difference(other).area < 1e-9
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_footprint_around_a_pole_reaches_the_pole(sign: float) -> None:
     lon = np.arange(10.0, 370.0, 45.0)[:: int(sign)]
-    shape = outline(lon, np.full(8, sign * 89.0), shapely)
+    [ring] = outline(lon, np.full(8, sign * 89.0))
+    shape = shapely.Polygon(ring)
     assert shape.area == pytest.approx(360.0)
     assert shape.bounds == (-180.0, min(sign * 89.0, sign * 90.0), 180.0, max(sign * 89.0, sign * 90.0))  # fmt: skip
 
@@ -146,8 +165,11 @@ def test_patches_at_the_edges_of_the_map(center, tmp_path: Path, monkeypatch) ->
     """
     monkeypatch.setattr(catalogs, "CENTER", center)
     catalog = catalogs.catalog(9, 33)
-    write_geopackage(ExportedPoints.chosen(catalog, frame_named("MOON_ME")), tmp_path / "c.gpkg")
+    points = ExportedPoints.chosen(catalog, frame_named("MOON_ME"))
+    write_geopackage(points, tmp_path / "c.gpkg")
+    write_geojson(points, tmp_path / "c.geojson")
     shapes, _ = read(tmp_path / "c.gpkg", "footprints")
+    assert shapely.equals(shapes, _part(tmp_path / "c.geojson", "footprints")[0]).all()
     assert (np.abs(shapely.bounds(shapes)) <= 180.0).all()
     assert shapely.is_valid(shapes).all()
     cut = shapely.get_num_geometries(shapes) > 1
