@@ -67,7 +67,8 @@ BUDGETS = {
     # 125 times of lcp trade over runs between, finer settings for a budget, its confirmation within the time limit
     # 56 short texts and pictures of results, wrong calls in Python
     # 44 of foreseen noise matches count a part, a map's place in the Moon's frame
-    "code lines, lcp_catalog": 46498,
+    # 27 GeoJSON without shapely: rings cut at the edge of the map; figures read without a whole check
+    "code lines, lcp_catalog": 46525,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -109,7 +110,8 @@ BUDGETS = {
     # 167 what a budget takes and when nothing more is begun, light by way of other ground in builds
     # 91 of foreseen noise matches count a part, a map's place in the Moon's frame
     # 113 of foreseen noise matches count a part, a map's place in the Moon's frame
-    "words of docs": 54995,
+    # 7 exports of figures
+    "words of docs": 55002,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -36,6 +36,9 @@ _WRITERS = {
 }
 """Module and function of each of `choices.EXPORTS`; imported when it is used."""
 
+_FIGURES = (".csv", ".parquet", ".gcp", ".json")
+"""Exports without patches and claims: of a large catalogue those chunks alone are checked that are used."""
+
 
 def export(
     catalog: CatalogOrPath,
@@ -114,7 +117,8 @@ def export(
     read = catalog.path if isinstance(catalog, Catalog) else catalog
     aside = folder_aside if ending in EXPORT_FOLDERS else write_aside
     with aside(output, overwrite, [] if read is None else [read]) as path:
-        points = ExportedPoints.chosen(opened_catalog(catalog), axes, box, level)
+        opened = opened_catalog(catalog, check=ending not in _FIGURES)
+        points = ExportedPoints.chosen(opened, axes, box, level)
         if conditions is not None:
             points = replace(points, rows=np.intersect1d(points.rows, conditions.rows))
         module, function = _WRITERS[ending]

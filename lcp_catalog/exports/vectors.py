@@ -64,9 +64,9 @@ def _footprints(points: ExportedPoints) -> Footprints:
     steps = np.unique(np.linspace(0, side, _SIDE + 1).round().astype(int))
     low, high = np.zeros(len(steps) - 1, int), np.full(len(steps) - 1, side)
     go, back = steps[:-1], steps[:0:-1]
-    rows = np.concatenate([low, go, high, back, low[:1]])
-    columns = np.concatenate([go, high, back, low, go[:1]])[::-1]
-    rows = rows[::-1]  # counter-clockwise seen from above
+    rows = np.concatenate([low, go, high, back])[::-1]  # counter-clockwise seen from above
+    columns = np.concatenate([go, high, back, low])[::-1]
+    rows, columns = (np.append(along, along[0]) for along in (rows, columns))
     found: Footprints = []
     for block, dem in points.blocks("dem"):
         lon, lat, _ = mcmf_to_lonlat(points.nodes_m(block, dem)[:, rows, columns])
@@ -136,7 +136,11 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
         for name, kind, places, fields in layers(points):
             first = name == "points"
             if isinstance(places, list):
-                geometry = [shapely.MultiPolygon(list(map(shapely.Polygon, one))) for one in places]
+                rings = [ring for one in places for ring in one]
+                of_ring = np.repeat(np.arange(len(rings)), list(map(len, rings)))
+                parts = shapely.linearrings(np.concatenate(rings), indices=of_ring)
+                of_patch = np.repeat(np.arange(len(places)), list(map(len, places)))
+                geometry = shapely.multipolygons(shapely.polygons(parts), indices=of_patch)
             else:
                 geometry = shapely.points(places)
             for file in files:
