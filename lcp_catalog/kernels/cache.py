@@ -182,7 +182,9 @@ def _digest(path: Path, body: bytes) -> bytes:
 
 
 def _read(path: Path) -> bytes | None:
-    """The body of a file; None if it is not there, damaged, or of an owner who is not trusted."""
+    """The body of a file; None if it is not there, no plain file, damaged, or of an owner who is not trusted."""
+    if not path.is_file():  # to open a pipe would wait for its writer
+        return None
     try:
         with path.open("rb") as file:
             if not (path.is_relative_to(_HERE) or _is_trusted(os.fstat(file.fileno()))):

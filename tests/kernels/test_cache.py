@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,21 @@ def test_a_damaged_file_is_compiled_again(damage: str, own: Path) -> None:
     assert half() == (1.5, False)
     assert half() == (1.5, True)
     assert only_file(own) == file
+
+
+def test_a_pipe_in_the_place_of_a_file_is_replaced(own: Path) -> None:
+    """Nobody waits for its writer."""
+    half()
+    file = only_file(own)
+    file.unlink()
+    os.mkfifo(file)
+    with ThreadPoolExecutor(1) as pool:
+        reading = pool.submit(cache._read, file)
+        try:
+            assert reading.result(5) is None
+        finally:
+            os.close(os.open(file, os.O_RDWR | os.O_NONBLOCK))  # whoever waits goes on
+    assert [half(), half()] == [(1.5, False), (1.5, True)]
 
 
 def test_the_file_of_another_signature_or_version_is_not_used(own: Path) -> None:
