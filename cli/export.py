@@ -133,7 +133,7 @@ def _descent(catalog: str, camera: str | None, trajectory: str) -> Descent:
     from lcp_catalog.light.sun_choice import SunChoice
     from lcp_catalog.navigation.descent import descent
 
-    frames = FrameOptions(camera, trajectory).read(SunChoice())
+    frames = FrameOptions(camera, trajectory).read(SunChoice(), catalog)
     return descent(open_catalog(catalog, check=False), frames)
 
 

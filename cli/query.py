@@ -42,16 +42,20 @@ class FrameOptions:
     camera: str | None
     trajectory: str | None
 
-    def read(self, sun: SunChoice) -> list[PlannedImage]:
+    def read(self, sun: SunChoice, catalog: str) -> list[PlannedImage]:
         """The frames under a Sun, or under their own; an empty list of neither."""
         from lcp_catalog.cameras.camera_file import read_camera, read_sensor
+        from lcp_catalog.matching.point_choice import shows_points
         from lcp_catalog.navigation.frame_points import PlannedImage
         from lcp_catalog.navigation.trajectory_file import read_trajectory
 
         if self.trajectory is not None:
             of_all = None if self.camera is None else read_camera(self.camera)
             return [PlannedImage.lit(one, sun) for one in read_trajectory(self.trajectory, of_all)]
-        return [] if self.camera is None else [PlannedImage.lit(read_sensor(self.camera), sun)]
+        if self.camera is None:
+            return []
+        sensor = read_sensor(self.camera, sees=shows_points(catalog))
+        return [PlannedImage.lit(sensor, sun, warns=True)]
 
 
 frame_options = collected(
@@ -175,7 +179,7 @@ def command(
     from lcp_catalog.matching.point_choice import seen_from
 
     options.check_outputs(overwrite, output, plot)
-    images = frames.read(sun)
+    images = frames.read(sun, catalog)
     opened = seen_from(open_catalog(catalog, check=False), [one.sensor for one in images])
     asked = Asked(opened, images, query, as_json, output, overwrite)
     if frames.trajectory is None:

@@ -68,7 +68,7 @@ def command(
 
     from lcp_catalog.validation.dossier import write_dossier
 
-    images = frames.read(sun)
+    images = frames.read(sun, catalog)
     verdict = write_dossier(catalog, output, images, query, require, evidence, overwrite)
     for line in verdict.failures if verdict else ():
         say(f"lcp: --require: {line}")

@@ -26,7 +26,7 @@ from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_o
 from .frame_camera import Camera, camera_from_json, fields_of_plane
 from .isd import AnySensor, is_isd, sensor_from_isd
 from .json_fields import LARGEST, parsed
-from .mistakes import blindness, doubts, if_looking_down
+from .mistakes import Sees, blindness, doubts, if_looking_down, sees_moon
 
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(.*?)\s*$")
 _UNREAD = ("ADJUSTABLETSAI", "FISHEYE", "FOV", "RPC")
@@ -178,7 +178,9 @@ FRAME_PIXELS_MAX = 100_000_000
 """Most pixels of an image that is rendered."""
 
 
-def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
+def read_sensor(
+    path: Path | str, shape: tuple[int, int] | None = None, sees: Sees = sees_moon
+) -> AnySensor:
     """The sensor that a camera file describes: a framing camera, line scanner or push-frame camera.
 
     Parameters
@@ -187,6 +189,9 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
         A CAMERA.json, an ISD of USGS CSM/ALE, or a .tsai file.
     shape:
         Rows and columns of its image, if known; required for a .tsai file, which does not state them.
+    sees:
+        True for a camera that sees what it should, like a catalogue: mistakes are named only if the camera does without
+        them.
 
     Raises
     ------
@@ -201,7 +206,7 @@ def read_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySe
     """
     sensor = unjudged_sensor(path, shape)
     if isinstance(sensor, Camera):
-        _refuse_mistakes(sensor, path)
+        _refuse_mistakes(sensor, path, sees)
     return sensor
 
 
@@ -223,13 +228,13 @@ def unjudged_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> A
     return sensor
 
 
-def _refuse_mistakes(camera: Camera, path: Path | str) -> None:
+def _refuse_mistakes(camera: Camera, path: Path | str, sees: Sees) -> None:
     """CameraError for a camera that sees nothing of the Moon by a mistake; a warning for one that looks
     down if the mistake is undone, which an oblique view can do by chance.
     """
-    if why := blindness(camera):
+    if why := blindness(camera, sees):
         raise CameraError(f"{path}: {why}")
-    for doubt in filter(None, [*doubts(camera), if_looking_down(camera)]):
+    for doubt in filter(None, [*doubts(camera), if_looking_down(camera, sees)]):
         log.warning("%s: %s", path, doubt)
 
 

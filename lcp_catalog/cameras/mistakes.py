@@ -14,10 +14,12 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
+from ..ephemeris.solar_position import SUNS_DIFFER_DEG, sun_direction_at
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf, mcmf_to_lonlat
 from ..geometry.sphere_intersection import hits
 from .frame_camera import Camera
+from .sensor import Sensor
 from .view import border_and_inside
 
 _ALIKE_DEG = 5.0
@@ -84,25 +86,33 @@ def place_text(position_m: ArrayLike) -> str:
     return f"longitude {lon:.2f}, latitude {lat:.2f}"
 
 
-def likely_mistake(camera: Camera, sees: Callable[[Camera], bool]) -> str:
+Sees = Callable[[Camera], bool]
+"""True for a camera that sees what it should."""
+
+
+def likely_mistake(camera: Camera, sees: Sees, also: Sees | None = None) -> str:
     """The mistakes that explain why a camera does not see what it should, each with what undoes it and where the
     camera then looks; empty for a camera that does, and if none of the known ones explains it. At most
     `_MOST` are named: those after which the camera looks down, or else those after which its axis meets the ground
     and its image's middle sees what it should, which a wide image does by chance at its edge. ``sees``: True for a
-    camera that does, like `sees_moon`.
+    camera that does, like `sees_moon`; ``also``: what one without the mistake must see, too, like a catalogue.
     """
     if sees(camera):
         return ""
-    found = [one for one in candidates(camera) if one.looks_at_ground and sees(one.camera)]
+    found = [
+        one
+        for one in candidates(camera)
+        if one.looks_at_ground and sees(one.camera) and (also is None or also(one.camera))
+    ]
     likely = [one for one in found if looks_down(one.camera)]
     likely = likely or [one for one in found if sees(_middle(one.camera))]
     likely.sort(key=lambda one: one.off_nadir_deg)
     return "; or ".join(map(str, likely[:_MOST]))
 
 
-def blindness(camera: Camera) -> str:
+def blindness(camera: Camera, also: Sees | None = None) -> str:
     """Why a camera sees nothing of the Moon, and what would help; empty for one that sees some of it, and for one
-    that looks away without a known mistake.
+    that looks away without a known mistake (`likely_mistake`).
     """
     depth_m = MOON_RADIUS_M - float(np.linalg.norm(camera.position_mcmf_m))
     if depth_m > _DEEPEST_M:
@@ -110,23 +120,37 @@ def blindness(camera: Camera) -> str:
             f"position_mcmf_m lies {1e-3 * depth_m:.1f} km below the reference sphere of {MOON_RADIUS_M / 1e3:g} km, "
             "deeper than any ground: give the distance from the Moon's centre, not a height"
         )
-    mistake = likely_mistake(camera, sees_moon)
+    mistake = likely_mistake(camera, sees_moon, also)
     return f"the camera sees nothing of the Moon: {mistake}" if mistake else ""
 
 
-def if_looking_down(camera: Camera) -> str:
+def if_looking_down(camera: Camera, also: Sees | None = None) -> str:
     """The mistakes without which a camera looks down, which one that is to look aside does by chance; empty for one
-    that looks down.
+    that looks down (`likely_mistake`).
     """
-    mistake = likely_mistake(camera, looks_down)
+    mistake = likely_mistake(camera, looks_down, also)
     return f"if the camera is to look down: {mistake}" if mistake else ""
 
 
+def two_suns(camera: Sensor) -> str:
+    """That the Sun's place in a camera file is far from that of its time; empty if not, or if one is lacking."""
+    place, time = camera.sun_position_mcmf_m, camera.time_utc
+    if place is None or time is None:
+        return ""
+    apart = math.degrees(math.acos(min(1.0, float(_unit(place) @ sun_direction_at(time)))))
+    if apart <= SUNS_DIFFER_DEG:
+        return ""
+    return (
+        f"sun_position_mcmf_m is {apart:.1f} deg from the Sun at time_utc {time}; the position is used: correct one of "
+        "them, or leave it out"
+    )
+
+
 def doubts(camera: Camera) -> list[str]:
-    """What is hardly so in a camera, as phrases about its fields: a focal length in millimetres, a principal point
+    """What is hardly so in a camera, as phrases about its fields: two Suns, a focal length in millimetres, a principal point
     or an image size of another convention.
     """
-    found = []
+    found = [text] if (text := two_suns(camera)) else []
     focal, (width, height) = camera.focal_length_px, camera.image_size_px
     widest = 2.0 * math.degrees(math.atan(0.5 * max(width, height) / focal))
     if widest > _WIDEST_DEG:

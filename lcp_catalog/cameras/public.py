@@ -9,6 +9,7 @@ from ..errors import not_a
 from .camera_file import read_camera, read_sensor
 from .frame_camera import Camera
 from .isd import AnySensor
+from .mistakes import Sees, sees_moon
 from .sensor import Sensor
 
 CameraOrPath: TypeAlias = Camera | Path | str
@@ -23,10 +24,10 @@ def framing_camera(camera: CameraOrPath) -> Camera:
     return found
 
 
-def any_sensor(camera: Sensor | Path | str) -> Sensor:
+def any_sensor(camera: Sensor | Path | str, sees: Sees = sees_moon) -> Sensor:
     """A sensor, read if its file is given (`read_sensor`); KindError for anything else."""
     if isinstance(camera, Path | str):
-        return read_sensor(camera)
+        return read_sensor(camera, sees=sees)
     if not hasattr(camera, "looks"):
         raise not_a(camera, "camera", "a Camera, another sensor, or the path of its file")
     return camera

@@ -37,6 +37,9 @@ from ..geometry.frames import (
 from .limb_darkening import VISIBLE, LimbDarkening
 from .times import Instants, Times, instants
 
+SUNS_DIFFER_DEG = 1.0
+"""Angle between two Suns of one image above which it is said."""
+
 DIRECTION_ERROR_DEG = 0.005
 """Bound on the error of a direction to the Sun in the mean-Earth frame."""
 

@@ -24,13 +24,14 @@ from numpy.typing import NDArray
 from ..arrays import Array, Float32
 from ..cameras.camera_file import read_sensor
 from ..cameras.map_projected import MapImage
+from ..cameras.mistakes import Sees, sees_moon
 from ..cameras.sensor import ON_MAP, Sensor
 from ..cameras.view import center_of
 from ..choices import ENCODINGS
 from ..dem.dem import Dem
 from ..dem.products import facts_of
 from ..dem.raster import POSSIBLE_M
-from ..ephemeris.solar_position import direction_from_subsolar, sun_direction_at
+from ..ephemeris.solar_position import SUNS_DIFFER_DEG, direction_from_subsolar, sun_direction_at
 from ..ephemeris.times import instants
 from ..errors import ImageError, LabelError, LcpError, SunError
 from ..geometry.frames import EnuFrame
@@ -351,10 +352,6 @@ def _are_heights(dem: Dem, heights: Array) -> bool:
     return deep or (known and float(np.ptp(heights)) > LEAST_RELIEF_M)
 
 
-SUNS_DIFFER_DEG = 1.0
-"""Two Sun directions of an image that differ by more cause a warning."""
-
-
 @dataclass(frozen=True)
 class ImageOptions:
     """Properties that an image file does not give itself.
@@ -393,6 +390,7 @@ def open_image(
     sensor: Sensor | Path | str | None = None,
     sun: SunChoice | None = None,
     options: ImageOptions | None = None,
+    sees: Sees = sees_moon,
 ) -> Image:
     """The image in a file, with the sensor that took it.
 
@@ -406,6 +404,8 @@ def open_image(
         The Sun; None: the sensor's own, else that of the image's label.
     options:
         Band, nodata and encoding, which the file does not give itself.
+    sees:
+        As `read_sensor`.
 
     Raises
     ------
@@ -425,7 +425,7 @@ def open_image(
     """
     options = options or ImageOptions()
     if isinstance(sensor, Path | str):
-        sensor = read_sensor(sensor, image_shape(path))
+        sensor = read_sensor(sensor, image_shape(path), sees)
     image = read_pixels(path, options.band, options.nodata, options.encoding)
     label = read_image_label(image)
     taken_by = _sensor(image, sensor, options)

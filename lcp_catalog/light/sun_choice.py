@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime as dt
+import logging
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -15,6 +17,8 @@ from ..ephemeris.times import AstropyTime, Time, instants
 from ..errors import SunError
 from ..geometry.frames import EnuFrame
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,22 @@ class SunChoice:
         raise SunError(
             f"{of_file}no Sun: give `time_utc`, or `sun_azimuth_deg` and `sun_elevation_deg`, or `subsolar_deg`"
         )
+
+    def warn_of(self, frame: EnuFrame, camera: Sensor | None) -> None:
+        """Log a warning for a stated Sun that is not that of a camera's file, seen from a frame's origin."""
+        if camera is None or not self.is_stated:
+            return
+        if camera.sun_position_mcmf_m is None and camera.time_utc is None:
+            return
+        its, stated = SunChoice().direction_mcmf(frame, camera), self.direction_mcmf(frame, None)
+        apart = math.degrees(math.acos(min(1.0, float(its @ stated))))
+        if apart > solar_position.SUNS_DIFFER_DEG:
+            log.warning(
+                "%s: the stated Sun is %.1f deg from the Sun of the camera's %s; the stated one is used",
+                camera.name,
+                apart,
+                "time_utc" if camera.sun_position_mcmf_m is None else "sun_position_mcmf_m",
+            )
 
     def instant(self, camera: Sensor | None) -> str | None:
         """Time of the Sun, UTC: the stated time, or the camera's time if no Sun is stated; else

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array, Index, Mask
 from ..cameras.frame_camera import Camera
+from ..cameras.mistakes import Sees
 from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor, altitude_km, ground_slopes, pixel_size_m
 from ..cameras.view import border_and_inside
@@ -132,6 +133,15 @@ def points_in_view(catalog: Catalog, sensor: Sensor) -> Index:
     rows = _in_cone(catalog, sensor) if isinstance(sensor, Camera) else np.arange(len(places))
     pixels = sensor.project(places[rows])
     return facing(catalog, sensor, rows[sensor.in_image(pixels)])
+
+
+def shows_points(catalog: CatalogOrPath) -> Sees:
+    """What says whether a camera sees points of a catalogue; a file is opened when it is asked."""
+
+    def sees(camera: Camera) -> bool:
+        return len(points_in_view(opened_catalog(catalog, check=False), camera)) > 0
+
+    return sees
 
 
 def seen_from(catalog: Catalog, sensors: Sequence[Sensor]) -> Catalog:

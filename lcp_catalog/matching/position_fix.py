@@ -43,6 +43,7 @@ from .point_choice import (
     patch_width_px,
     points_in_view,
     reductions,
+    shows_points,
     working_image,
 )
 from .point_search import Criteria, find_points, nothing_in
@@ -199,7 +200,7 @@ def locate(
     catalog, law = opened_catalog(catalog), law_of(model) or DEFAULT_MODEL
     uncertainty = uncertainty or USUAL
     if isinstance(image, Path | str):
-        image = open_image(image, camera)
+        image = open_image(image, camera, sees=shows_points(catalog))
     if not isinstance(image, Image):
         raise not_a(
             image, "image", "an Image (of a simulated frame `image`) or the path of its file"

@@ -19,10 +19,11 @@ from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import POSE, Sensor
 from ..cameras.view import footprint
 from ..catalog.catalogue import Catalog
+from ..constants import SUBSOLAR_LATITUDE_MAX_DEG
 from ..errors import ImageError
 from ..geometry.bounds import Bounds, enclosing_bounds
 from ..geometry.frames import azimuth_elevation
-from ..matching.point_choice import points_in_view
+from ..matching.point_choice import shows_points
 from .expected_position import LEAST_POINTS
 from .frame_points import FramePoints, PlannedImage, points_of_frames
 
@@ -72,7 +73,9 @@ def better_catalog(catalog: Catalog, image: PlannedImage, planned: bool = False)
     told = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
     better = "; ".join(map(str, sorted(_changes(catalog, points))[:_NAMED]))
     better = f"a catalogue that may have more: {better}" if better else "no other catalogue is known to have more"  # fmt: skip
-    if planned and counts["sun"]:
+    if _never(points):
+        better += "; the Sun never stands there"
+    if planned and counts["sun"] + counts["not evaluated"]:
         suns = catalog.sun_elevation
         better += f"; without a build: the Sun {suns.min():g} to {suns.max():g} deg high"
     why = f" (else {told})" if told else ""
@@ -83,9 +86,7 @@ def _elsewhere(catalog: Catalog, sensor: Sensor) -> str:
     """The catalogue of the ground that a sensor sees, priced by its area; empty if it sees none, and for a camera that would
     see points without a mistake of its file.
     """
-    if isinstance(sensor, Camera) and likely_mistake(
-        sensor, lambda one: len(points_in_view(catalog, one)) > 0
-    ):
+    if isinstance(sensor, Camera) and likely_mistake(sensor, shows_points(catalog)):
         return ""
     try:
         seen = footprint(sensor)
@@ -137,13 +138,19 @@ def _changes(catalog: Catalog, points: FramePoints) -> Iterator[Better]:
         yield Better(4.0, "half of `points.spacing_m`", 3 * few)
 
 
+def _never(points: FramePoints) -> bool:
+    """True for a Sun farther from the Moon's equator than it ever is: no build evaluates it."""
+    highest = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG))
+    return bool(abs(points.frame.sun[2]) > highest)
+
+
 def _suns(catalog: Catalog, points: FramePoints, count: int) -> Iterator[Better]:
     """Another Sun of the table, so that it reaches that of the image, if it is above the horizon of all points; of a Sun
     between the elevations its azimuth is lacking.
     """
     along, above = azimuth_elevation(points.rotation @ points.frame.sun)
     suns, low, high = catalog.sun_elevation, float(above.min()), float(above.max())
-    if low <= 0.0:
+    if low <= 0.0 or _never(points):
         return
     if low < suns.min():
         node = math.floor(low) or math.floor(10.0 * low) / 10.0

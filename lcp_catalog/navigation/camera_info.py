@@ -31,7 +31,7 @@ from ..dem.public import Dems, dem_set
 from ..geometry.frames import Direction, EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from ..geometry.sphere_intersection import hits, nadir_angles, on_sphere
 from ..light.sun_choice import SunChoice
-from ..matching.point_choice import points_in_view
+from ..matching.point_choice import points_in_view, shows_points
 from ..matching.search_area import none_in_view
 from ..plots.axes import Axes, Axis, round_ticks
 
@@ -61,7 +61,7 @@ def blind_to_points(catalog: Catalog, sensor: Sensor) -> str:
         return ""
     mistake = ""
     if isinstance(sensor, Camera):
-        mistake = likely_mistake(sensor, lambda one: len(points_in_view(catalog, one)) > 0)
+        mistake = likely_mistake(sensor, shows_points(catalog))
     return none_in_view(catalog, sensor) + (f"; {mistake}" if mistake else "")
 
 
@@ -279,7 +279,8 @@ def _problems(sensor: Sensor, found: dict[str, Any], catalog: Catalog | None) ->
     """What is wrong with a camera by its ``found`` document; empty texts are no problems."""
     blind = "" if catalog is None else blind_to_points(catalog, sensor)
     if isinstance(sensor, Camera):
-        yield blindness(sensor) or blind or if_looking_down(sensor)
+        sees = None if catalog is None else shows_points(catalog)
+        yield blindness(sensor, sees) or blind or if_looking_down(sensor, sees)
         yield from doubts(sensor)
     else:
         yield blind

@@ -35,7 +35,7 @@ from ..landmarks.point_spread import sharper_sigma
 from ..light.sun_choice import SunChoice, SunStated
 from ..matching.common_errors import SharedTerrain, map_sigma_m, shadow_shift_m
 from ..matching.joint_detection import JointDetection, joint_detection
-from ..matching.point_choice import LEAST_SIGMA_PX
+from ..matching.point_choice import LEAST_SIGMA_PX, shows_points
 from ..matching.pose import covariance_of, jacobian
 from ..matching.position_fix import USUAL
 from .frame_points import CAUSES, FramePoints, PlannedImage, points_of_frames
@@ -542,8 +542,11 @@ def query(
     asked = Query(
         most, math.radians(attitude_sigma_deg), height_sigma_m, map_sigma_m, pixel_sigma_px
     )
-    image = PlannedImage.lit(any_sensor(camera), SunChoice.of(sun))
-    (answer,) = answers(opened_catalog(catalog, check=False), [image], asked)
+    catalog = opened_catalog(catalog, check=False)
+    image = PlannedImage.lit(
+        any_sensor(camera, shows_points(catalog)), SunChoice.of(sun), warns=True
+    )
+    (answer,) = answers(catalog, [image], asked)
     return answer
 
 

@@ -36,12 +36,14 @@ class PlannedImage:
     time_utc: str | None = None
 
     @classmethod
-    def lit(cls, sensor: Sensor, sun: SunChoice) -> PlannedImage:
+    def lit(cls, sensor: Sensor, sun: SunChoice, warns: bool = False) -> PlannedImage:
         """The frame under a Sun: the stated one, angles being those at the image's centre, else that
         of the sensor's file. SunError if there is neither; ImageError for angles if the image's
-        centre does not show the Moon.
+        centre does not show the Moon. ``warns``: also of a stated Sun that is not the file's (`SunChoice.warn_of`).
         """
         lon_deg, lat_deg = center_of(sensor) if sun.azimuth_deg is not None else (0.0, 0.0)
+        if warns:
+            sun.warn_of(EnuFrame(lon_deg, lat_deg), sensor)
         time = sun.time_utc or sensor.time_utc
         return cls(sensor, sun.direction_mcmf(EnuFrame(lon_deg, lat_deg), sensor), time)
 

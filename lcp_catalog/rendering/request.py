@@ -321,6 +321,7 @@ class Request:
             return self.environment.lighting
         camera = self.view.sensor
         to_sun = self.sun.direction_mcmf(frame, camera)
+        self.sun.warn_of(frame, camera)
         disc = self.sun.disc(frame, camera) if self.sun_is_disc else False
         light = Lighting.of_sun(Direction.from_mcmf(to_sun, frame), disc)
         if not self.earthshine:

@@ -34,7 +34,7 @@ from ..landmarks.error_model import ErrorModel
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
-from ..matching.point_choice import at_one_scale, points_in_view
+from ..matching.point_choice import at_one_scale, points_in_view, shows_points
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
 from ..matching.position_fix import (
@@ -370,7 +370,8 @@ def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: 
 
 
 def _opened(request: Validation, files: ImageFiles) -> Image:
-    return open_image(files.image, files.camera, request.stated_sun, request.pixels)
+    sees = shows_points(request.catalog_path)
+    return open_image(files.image, files.camera, request.stated_sun, request.pixels, sees)
 
 
 def _untried(files: ImageFiles, name: str, reason: str) -> ImageVerdict:

@@ -11,6 +11,7 @@ from helpers.renders import camera_file
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.frame_camera import camera_from_json
 from lcp_catalog.cameras.mistakes import likely_mistake
+from lcp_catalog.ephemeris.solar_position import sun_direction_at
 from lcp_catalog.errors import CameraError
 from lcp_catalog.geometry.frames import EnuFrame
 
@@ -98,6 +99,48 @@ def test_a_camera_of_the_sky_has_other_axes(tmp_path):
     ) as said:
         read_sensor(path)
     assert "transpose" not in str(said.value)
+
+
+def test_a_mistake_is_named_only_if_the_camera_then_sees_what_it_should(tmp_path):
+    """The transpose looks at the ground, but not at the catalogue; nor is it named of a camera that looks aside."""
+    path = tmp_path / "c.json"
+    for height in (900e3, 50e3):
+        document = good_file(path, -60.0, 10.0, height)
+        path.write_text(json.dumps(spoilt(document, "transposed", -60.0, 10.0)))
+        asked = []
+
+        def sees(camera, asked=asked):
+            asked.append(camera)
+            return False
+
+        read_sensor(path, sees=sees)
+        assert asked
+    good = good_file(path, -60.0, 10.0, 900e3)
+    path.write_text(json.dumps(spoilt(good, "transposed", -60.0, 10.0)))
+    with pytest.raises(CameraError, match="give its transpose"):
+        read_sensor(path, sees=lambda camera: True)
+
+
+def test_two_suns_of_one_file_are_said(tmp_path, caplog):
+    """The place of the Sun and the time; of a file with one of them, or with both alike, nothing."""
+    path = tmp_path / "c.json"
+    document = good_file(path, 3.5, 26.0, 100e3)
+    document.pop("sun_position_mcmf_m", None)
+    sun = (1.5e11 * sun_direction_at("1971-07-31T01:25:52")).tolist()
+    alike = {"sun_position_mcmf_m": sun, "time_utc": "1971-07-31T01:25:52"}
+    for fields in ({"time_utc": alike["time_utc"]}, {"sun_position_mcmf_m": sun}, alike):
+        path.write_text(json.dumps(document | fields))
+        read_sensor(path)
+        assert not caplog.records
+    path.write_text(json.dumps(document | alike | {"time_utc": "1971-08-07T01:25:52"}))
+    read_sensor(path)
+    (record,) = caplog.records
+    degrees = float(
+        re.search(
+            r"sun_position_mcmf_m is (\S+) deg from the Sun at time_utc", record.getMessage()
+        )[1]
+    )
+    assert degrees == pytest.approx(7 * 360 / 29.53, abs=3.0)
 
 
 def test_a_camera_that_looks_away_without_a_known_mistake_is_read(tmp_path, caplog):

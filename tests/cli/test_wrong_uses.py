@@ -88,7 +88,7 @@ WRONG = [
     ("validate hadley.h5 PHOTO.png -o e1", 1, r"PHOTO.png: missing geometry: the image is not map-projected; give its --camera"),
     ("validate PHOTO.png hadley.h5 --camera CAMERA.json -o e3", 1, r"PHOTO.png: is a PNG image, not a catalogue"),
     ("validate hadley.h5 hadley.h5 --camera CAMERA.json -o e3", 1, r"hadley.h5: is an HDF5 file, such as a catalogue, not an image"),
-    ("validate hadley.h5 PHOTO.png --camera CAMERA.json -o e4 --require points>=3", 2, r"--require: unknown name points; known names: .*points_found"),
+    ("validate hadley.h5 PHOTO.png --camera CAMERA.json -o e4 --require points>=3", 2, r"--require: unknown name points \(points_found is meant\?\); known names: verdict"),
     ("report hadley.h5", 2, r"Missing option '-o'"),
     ("merge hadley.h5 -o m.h5", 2, r"name at least two catalogues"),
     ("diff hadley.h5", 2, r"Missing argument 'B.h5'"),
@@ -193,6 +193,7 @@ CAMERAS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "no Sun": (lambda d: d.pop(SUN) and d.pop("time_utc", None) and {}, r"no Sun: give --time, or --sun-azimuth and --sun-elevation, or --subsolar|Sun +none"),
     "a day": (_field("time_utc", "31/07/1971"), r"json: time_utc: invalid time: '31/07/1971' \(like 2024-01-01T00:00:00\)"),
     "a word": (_field("time_utc", "yesterday"), r"json: time_utc: invalid time: 'yesterday'"),
+    "another time": (_field("time_utc", "1971-08-07T01:25:52"), r"sun_position_mcmf_m is 8\d.\d deg from the Sun at time_utc"),
     "a year": (_field("time_utc", "3026-01-01T00:00"), r"json: time_utc: the year 3026 is outside 1900-2099"),
 }  # fmt: skip
 """What is changed, and what must be said."""
@@ -217,6 +218,60 @@ def test_a_wrong_camera_is_not_taken_silently(
     text = "".join([*capsys.readouterr(), *(one.getMessage() for one in caplog.records)])
     assert code in (0, 1, 4)
     assert re.search(says, text), text
+
+
+@pytest.mark.parametrize("command", ["query hadley.h5 --camera", "camera info --catalog hadley.h5"])
+def test_a_turn_that_does_not_see_the_catalogue_is_not_named(
+    command: str,
+    files: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """A camera far from the catalogue that looks at the sky: its transpose, or OpenGL's axes, would look at the ground there,
+    which is not the catalogue's.
+    """
+    monkeypatch.chdir(files)
+    there = EnuFrame(-60.0, 10.0)
+    up = np.array(GL) @ np.diag([1.0, -1.0, -1.0]) @ there.rotation
+    document = json.loads(Path("CAMERA.json").read_text())
+    document |= {
+        AT_MCMF: there.to_mcmf([0.0, 0.0, 1e5]).tolist(),
+        "rotation_mcmf_to_camera": up.tolist(),
+    }
+    Path("wrong.json").write_text(json.dumps(document))
+    code = run([*command.split(), "wrong.json"])
+    text = "".join([*capsys.readouterr(), *(one.getMessage() for one in caplog.records)])
+    assert code in (1, 4)
+    assert "OpenGL" not in text
+    assert "transpose" not in text
+    assert re.search(
+        r"the camera does not see the Moon|the image's centre shows no ground; the points lie at longitude",
+        text,
+    )
+
+
+def test_a_stated_sun_that_is_not_the_cameras_is_said(
+    files: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.chdir(files)
+    for words in (
+        "query hadley.h5 --camera CAMERA.json",
+        "render DEM.tif --camera CAMERA.json --explain --size 2",
+    ):
+        for sun, said_ in (
+            ("--time 1971-08-07T01:25:52", True),
+            ("--sun-azimuth 96.5 --sun-elevation 13.7", False),
+        ):
+            caplog.clear()
+            assert run([*words.split(), *sun.split()]) == 0
+            found = [
+                one.getMessage()
+                for one in caplog.records
+                if "the stated Sun is" in one.getMessage()
+            ]
+            assert bool(found) == said_
+            assert all("CAMERA.json: the stated Sun is 8" in one for one in found)
 
 
 def test_the_camera_of_another_image_is_refused(

@@ -44,10 +44,13 @@ def test_a_catalogue_that_has_enough_needs_no_other(catalog: Catalog) -> None:
 
 
 @pytest.mark.parametrize(("elevation", "node"), [(88.0, 89), (3.0, 2)])
-def test_a_sun_outside_the_table_is_priced(catalog: Catalog, elevation: float, node: int) -> None:
+def test_a_sun_outside_the_table_is_priced(
+    catalog: Catalog, elevation: float, node: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Every point works under the Suns of the catalogue; one far above or below them needs a row of its own, beyond that of the
     point where it stands highest or lowest.
     """
+    monkeypatch.setattr("lcp_catalog.navigation.better_catalog.SUBSOLAR_LATITUDE_MAX_DEG", 90.0)
     text = told(catalog, camera(ABOVE), SunChoice(90.0, elevation))
     seen = len(points_in_view(catalog, camera(ABOVE)))
     assert f"; of {seen} points in view 0 are usable here (else sun {seen}): " in text
@@ -57,11 +60,17 @@ def test_a_sun_outside_the_table_is_priced(catalog: Catalog, elevation: float, n
 
 
 def test_no_catalogue_helps_under_a_sun_below_the_horizon(catalog: Catalog) -> None:
-    night = PlannedImage.lit(camera(ABOVE), SunChoice(90.0, -18.0))
+    night = PlannedImage.lit(camera(ABOVE), SunChoice(273.0, -5.0))
     text = better_catalog(catalog, night)
     assert text.endswith("no other catalogue is known to have more")
     planned = better_catalog(catalog, night, planned=True)
     assert planned == f"{text}; without a build: the Sun 5 to 75 deg high"
+
+
+def test_no_catalogue_helps_under_a_sun_that_never_comes(catalog: Catalog) -> None:
+    """88 deg high at 26 deg north: the Sun is at most 1.6 deg from the equator."""
+    text = told(catalog, camera(ABOVE), SunChoice(90.0, 88.0))
+    assert text.endswith("no other catalogue is known to have more; the Sun never stands there")
 
 
 def test_a_view_far_from_those_of_the_table_is_priced(catalog: Catalog) -> None:
