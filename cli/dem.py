@@ -92,3 +92,5 @@ def info(
         echo(json.dumps(found.whole if only_set else files, indent=2))
     else:
         echo("\n\n".join([*map(dem_text.file_text, files), dem_text.set_text(found.whole)]))
+    for line in dem_text.outside(files):
+        say(f"lcp: {line}")

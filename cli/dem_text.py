@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +231,14 @@ def _sample(place: dict[str, Any], box: dict[str, float]) -> str:
     ]
     asked = ": are longitude and latitude exchanged?" if inside[1] else ""
     return "no data" if inside[0] else f"outside the file{asked}"
+
+
+def outside(files: list[dict[str, Any]]) -> Iterator[str]:
+    """A line for each place that lies in none of the files."""
+    for told in zip(*(one["samples"] for one in files), strict=True):
+        said = {_sample(place, one["bounds"]) for place, one in zip(told, files, strict=True)}
+        if all(one.startswith("outside") for one in said):
+            yield f"--at {told[0]['lon']:g} {told[0]['lat']:g}: {min(said, key=len)}; give a place within its bounds"
 
 
 def _percent(share: float) -> str:

@@ -78,5 +78,5 @@ def _value(name: str, hint: Any, value: object) -> object:
     """``value`` converted to the type of its field; an integer is accepted for a float."""
     _, words, fits, converted = next(kind for kind in _KINDS if kind[0] in str(hint))
     if not fits(value):
-        raise ConfigError(f"{name} must be {words}")
+        raise ConfigError(f"{name} must be {words}, not {value!r:.40}")
     return converted(value)

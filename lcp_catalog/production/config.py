@@ -324,10 +324,11 @@ class ViewConfig:
 
     def __post_init__(self) -> None:
         check_fields(self, "view")
-        lengths = {len(self.off_nadir_deg), len(self.azimuth_deg), len(self.altitude_km)}
+        lengths = [len(self.off_nadir_deg), len(self.azimuth_deg), len(self.altitude_km)]
         require(
-            len(lengths) == 1 and lengths != {0},
-            "`view.off_nadir_deg`, azimuth_deg and altitude_km must be of one length",
+            len(set(lengths)) == 1 and lengths[0] > 0,
+            "`view.off_nadir_deg`, azimuth_deg and altitude_km must be of one length, a value of each for a view, not of "
+            f"{lengths[0]}, {lengths[1]} and {lengths[2]} values",
         )
 
     def __len__(self) -> int:

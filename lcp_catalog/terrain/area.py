@@ -44,7 +44,7 @@ class Area:
             size = self.size_km if isinstance(self.size_km, tuple) else (self.size_km, self.size_km)
             if not all(math.isfinite(s) and 0.0 < s <= HEIGHTFIELD_SIZE_MAX_KM for s in size):
                 raise AreaError(
-                    f"`size_km` of {size[0]:g} x {size[1]:g} km: not above 0 and at most "
+                    f"`size_km` of {size[0]:g} x {size[1]:g} km: it must be above 0 and at most "
                     f"{HEIGHTFIELD_SIZE_MAX_KM:g} km"
                 )
             object.__setattr__(self, "size_km", (float(size[0]), float(size[1])))

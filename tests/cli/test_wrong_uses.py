@@ -31,7 +31,7 @@ WRONG = [
     # words, exit code, what is said
     (f"{B} --center 26 3.5 --size 30", 1, r"the area \(.*\) has no height in the DEM, which covers .*: are longitude and latitude exchanged\?"),
     (f"{B} --center 3.5 26 --size 0", 2, r"'--size': 0.0 is not in the range x>0"),
-    (f"{B} --center 3.5 26 --size 30000", 1, r"--size of 30000 x 30000 km: .* at most 2000 km"),
+    (f"{B} --center 3.5 26 --size 30000", 1, r"--size of 30000 x 30000 km: it must be above 0 and at most 2000 km"),
     (f"{B} --center 3.5", 2, r"'--center' requires 2 arguments"),
     (f"{B} --size 30", 2, r"--size needs --center"),
     (f"build-catalog DEM.tf -o a.h5 {AT}", 1, r"DEM.tf: there is no such file"),
@@ -58,29 +58,30 @@ WRONG = [
     (f"{B} {AT} --altitudes 100-5 --ifov 1.1", 2, r"'100-5' is not KM-KM, lowest and highest, for example 5-100"),
     (f"{B} --config t1.toml", 2, r"t1.toml: \[area\] has no key size \(size_km is meant\?\); there are center_deg, size_km"),
     (f"{B} --config t2.toml", 2, r"t2.toml: not TOML: Expected newline .* \(at line 2, column 17\)"),
-    (f"{B} --config t3.toml", 2, r"t3.toml: area.size_km must be a number"),
-    (f"{B} --config t5.toml", 2, r"t5.toml: view.off_nadir_deg, azimuth_deg and altitude_km must be of one length"),
+    (f"{B} --config t3.toml", 2, r"t3.toml: area.size_km must be a number, not '30'"),
+    (f"{B} --config t5.toml", 2, r"t5.toml: view.off_nadir_deg, azimuth_deg and altitude_km must be of one length, a value of each for a view, not of 2, \d and \d values"),
     (f"{B} --config t6.toml", 1, r"missing.tif: there is no such file"),
     (f"{B} --config hadley.tml", 1, r"hadley.tml: there is no such file"),
     (f"{R.replace('r.tif', 'r.png')} --size 10 --sun-azimuth 90 --sun-elevation 10", 2, r"-o r.png: the output must end in .tif"),
     (f"{R} --size 10 --sun-azimuth 90 --sun-elevation 100", 2, r"'--sun-elevation': 100.0 is not in the range -90<=x<=90"),
     (f"{R} --size 10 --sun-elevation 10", 2, r"--sun-azimuth and --sun-elevation go together"),
     (f"{R} --size 1 --sun-azimuth 90 --sun-elevation -3", 1, r"the Sun is 0.87 deg below the horizon of the area's highest terrain, so nothing is lit; state another Sun"),
+    (f"{R} --size 1 --sun-azimuth 90 --sun-elevation -3 --overwrite", 1, r"the Sun is 0.87 deg below the horizon .*; state another Sun"),
     ("render DEM.tif -o r.tif --camera PHOTO.png --frame camera", 1, r"PHOTO.png: is a PNG image, not a camera file \(CAMERA.json, USGS ISD or .tsai\)"),
     ("sun --center 26 93 --time 1971-07-31T01:25:52", 2, r"'--center': 93.0 is not in the range -90<=x<=90"),
     ("sun --center 3 26 --time 3026-07-31", 2, r"'--time': the year 3026 is outside 1900-2099"),
     ("sun --center 3 26 --range 2026-01-01 2025-01-01 6h", 2, r"the range stops at 2025-01-01, before it starts at 2026-01-01"),
     ("dem check missing.LBL", 1, r"missing.LBL: there is no such file"),
     ("dem check cut.tif", 4, r"cut.tif: cannot be read; the file is damaged or truncated"),
-    ("dem info DEM.tif --at 26 3.5", 0, r"at 26 3.5 +outside the file: are longitude and latitude exchanged\?"),
-    ("query hadley.h5 --camera nofile.json", 1, r"nofile.json: cannot be read: No such file"),
+    ("dem info DEM.tif --at 26 3.5", 0, r"lcp: --at 26 3.5: outside the file: are longitude and latitude exchanged\?; give a place within its bounds\n$"),
+    ("query hadley.h5 --camera nofile.json", 1, r"nofile.json: there is no such file"),
     ("query CAMERA.json --camera hadley.h5", 1, r"hadley.h5: is an HDF5 file, such as a catalogue, not a camera file"),
     ("query CAMERA.json --camera CAMERA.json", 1, r"CAMERA.json: is a JSON file, such as a camera, not a catalogue"),
     ("query hadley.h5", 2, r"give --camera CAMERA.json or --trajectory FILE"),
     ("query hadley.h5 --camera CAMERA.json --max 0", 2, r"'--max': 0 is not in the range 1<=x"),
     ("query hadley.h5 --camera CAMERA.json --max 3", 0, r"only 3 points asked for: a position needs 4 \(three fit up to four positions.*ask for more"),
     ("query hadley.h5 --camera CAMERA.json -o pts.xlsx", 2, r"-o pts.xlsx: the output must end in .csv or .geojson"),
-    ("inspect DEM.tif", 4, r"is a TIFF image, such as a DEM, not a catalogue"),
+    ("inspect DEM.tif", 4, r"is a TIFF image, such as a DEM, not a catalogue\n  of a DEM: lcp dem info DEM.tif\n$"),
     ("export hadley.h5 -o x.kml", 2, r"x.kml: the ending must be one of .csv"),
     ("export hadley.h5 -o x.shp", 2, r"x.shp: the ending must be one of .csv"),
     ("windows hadley.h5 --center 26 3.5 --range 2026-01-01 2026-02-01 1d", 1, r"no point of the catalogue lies within the 20 km around .*: give a larger --size, or another --center \(the first of 20 lies at"),
@@ -95,7 +96,13 @@ WRONG = [
     ("sample full", 1, r"full/PROVENANCE.txt.*exists.*--overwrite"),
     ("buildcatalog DEM.tif -o a.h5", 2, r"No such command 'buildcatalog'\. Did you mean 'build-catalog'\?"),
 ]  # fmt: skip
-"""The list of the project, and a few of its kind."""
+"""The list of the project (58 of its 60 commands; the other two, `RIGHT`, are right uses), and a few of its kind."""
+
+RIGHT = [
+    # a day at the site, and a format that there is
+    (f"{R} --size 10 --time 1971-07-15T00:00", "r.tif"),
+    ("export hadley.h5 -o x.gpkg", "x.gpkg"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +147,22 @@ def test_a_wrong_use_is_explained(
 ) -> None:
     monkeypatch.chdir(files)
     assert re.search(says, said(line.split(), code, capsys))
+
+
+@pytest.mark.parametrize(("line", "output"), RIGHT)
+def test_a_right_use_of_the_list_does_what_it_says(
+    line: str, output: str, files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(files)
+    assert run(line.split()) == 0
+    assert Path(output).stat().st_size > 1000
+    Path(output).unlink()
+
+
+def test_the_list_is_held() -> None:
+    """60 commands of the project's list, six of ours; fifteen kinds of wrong cameras in 30 changes, each by two commands."""
+    assert len({line for line, _, _ in WRONG}) >= 66
+    assert len(CAMERAS) >= 30
 
 
 # -- cameras: the sample's, changed
