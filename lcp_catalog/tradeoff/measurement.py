@@ -267,9 +267,10 @@ def measure_all(
     first = row_of(sample, own, usual, usual) | (whole.beside(whole) if whole else {})
     asked = budget.seconds is not None or budget.error is not None
     left_s = until - time.monotonic()
-    kept_s = (
-        min(2.0 * CONFIRMED * setting_s / len(chosen) + _START_S, left_s / 3.0) if asked else 0.0
-    )
+    # of the least confirmation: both configurations on as many areas, as these two runs were
+    least_s = 1.5 * (time.monotonic() - begun)
+    most_s = 2.0 * CONFIRMED * setting_s / len(chosen) + _START_S
+    kept_s = min(max(least_s, most_s), left_s / 3.0) if asked else 0.0
     measured = Measurement(sample, workers, until - kept_s, setting_s)
     wanted = settings(config)
     done: list[tuple[Setting, dict[str, Any]]] = []

@@ -1,7 +1,7 @@
 """Programs and data of others judge what lcp computes and writes: `make judges` installs and runs them.
 
 SPICE with JPL's DE440 and the DE421 lunar frame, IOOS's compliance checker (CF), a GeoParquet and a
-cloud-optimised GeoTIFF validator.
+cloud-optimised GeoTIFF validator; QGIS's libraries where a Python of the system has them.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pytest
 from helpers import catalogs
 from lcp_cli.main import run
 
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.ephemeris.solar_position import apparent_sun
 from lcp_catalog.ephemeris.times import instants
 from lcp_catalog.exports.frames import frame_named
@@ -118,3 +120,49 @@ def test_a_render_is_a_cloud_optimised_geotiff(tmp_path: Path) -> None:
     assert run(["render", str(SAMPLE), "-o", str(tmp_path / "r.tif"), *area]) == 0
     valid, errors, warnings = validate(str(tmp_path / "r.tif"), strict=True)
     assert (valid, errors, warnings) == (True, [], [])
+
+
+def qgis() -> str:
+    """A Python with QGIS's libraries: that of ``LCP_QGIS``, which must have them, or the system's."""
+    python = os.environ.get("LCP_QGIS", "/usr/bin/python3")
+    found = Path(python).exists() and not subprocess.call(
+        [python, "-c", "import qgis.core"], stderr=subprocess.DEVNULL
+    )
+    if not found and "LCP_QGIS" not in os.environ:
+        pytest.skip("QGIS is no Python package: apt-get install python3-qgis")
+    assert found
+    return python
+
+
+def test_qgis_reads_the_exports(tmp_path: Path) -> None:
+    """Vectors, tables and rasters: as many features, their numbers and places; the Moon's radius."""
+    python, source, path = qgis(), catalogs.full(12), tmp_path / "c.h5"
+    write_catalog(source, path)
+    endings = "gpkg", "geojson", "csv", "parquet"
+    for ending in endings:
+        assert run(["export", str(path), "-o", str(tmp_path / f"p.{ending}")]) == 0
+    area = ["--center", "3.5", "26", "--size", "20", "--sun-azimuth", "97", "--sun-elevation", "20"]
+    assert run(["render", str(SAMPLE), "-o", str(tmp_path / "r.tif"), *area]) == 0
+    names = [str(tmp_path / name) for name in (*(f"p.{ending}" for ending in endings), "r.tif")]
+    reader = str(Path(__file__).with_name("qgis_reader.py"))
+    told = json.loads(subprocess.check_output([python, reader, *names]).splitlines()[-1])
+    package, text, table, parquet, (raster,) = told["files"]
+    layers = {layer["name"].split()[0]: layer for layer in package}
+    assert {"points", "footprints", "coverage"} <= set(layers)
+    (marks,) = [layer for layer in text if " Point" in layer["name"]]
+    (areas,) = [layer for layer in text if " Polygon" in layer["name"]]
+    exact = [layers["points"], marks, *table]
+    exact += parquet if "Parquet" in told["drivers"] else []  # not in Debian's GDAL
+    for layer in (*exact, layers["footprints"], areas):
+        assert layer["valid"]
+        found = dict(zip(layer["ids"], layer["points"], strict=True))
+        for point_id, lon, lat in zip(
+            source.point_id.tolist(), source.longitude, source.latitude, strict=True
+        ):
+            place = found.pop(str(point_id))
+            assert place == pytest.approx((lon, lat), abs=1e-9 if layer in exact else 0.05)
+        assert set(found) <= {"NULL"}
+    for layer in (layers["points"], marks, raster):
+        assert "1737400" in layer["crs"]  # of a name that QGIS 3.22 does not know
+    assert raster["valid"]
+    assert raster["middle"] > 0.0
