@@ -49,7 +49,7 @@ from .point_choice import (
 from .point_search import Criteria, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
-from .sun_check import SunCheck, check_points, without_doubt
+from .sun_check import FAR_TURNS_DEG, TURNS_DEG, SunCheck, check_points, without_doubt
 
 LOCATED = "located"
 NOT_HERE = "not this place"
@@ -69,6 +69,9 @@ LEAST_USABLE = 6
 """Least number of points that agree, without those that are known not to be usable, from which a pose
 is solved with them alone: twice as many as determine it.
 """
+
+_FEW = 0.5
+"""Share of the searched points below which those that agree are also held against Suns that are far from the stated one."""
 
 _ROUNDS = 10
 _MOST_NEEDED = 1000  # points that a reason asks for
@@ -540,7 +543,7 @@ class _FixSearch:
         return f"the position is {off:.1f} stated sigmas away; state a larger uncertainty if that is possible"
 
     def sun(self, matches: Matches, pose: Pose) -> SunCheck:
-        """The check by the points of the levels of the first search."""
+        """The check by the points of the levels of the first search, where few agree under far Suns, too."""
         own = np.isin(np.asarray(self.catalog.level)[matches.point], [*self.levels])
         used = pose.used & own
         rows = matches.point[used]
@@ -551,14 +554,22 @@ class _FixSearch:
             return independent_share(places[some], width)
 
         image, criteria = corrected(self.working, pose), self.options.criteria
+
+        def checked(reach_px: float, turns_deg: tuple[tuple[float, float], ...]) -> SunCheck:
+            reach_px, whole = reach_px * self.factor, share(np.arange(len(rows)))
+            return check_points(
+                self.catalog, image, self.model, rows, offset, criteria, whole, reach_px, turns_deg
+            )
+
+        near = None
         if not self.options.whole_sun_check:
-            sure = without_doubt(self.catalog, image, self.model, rows, offset, criteria, share)
-            if sure is not None:
-                return sure
-        reach_px, whole = self.options.sun_reach_px * self.factor, share(np.arange(len(rows)))
-        return check_points(
-            self.catalog, image, self.model, rows, offset, criteria, whole, reach_px
-        )
+            near = without_doubt(self.catalog, image, self.model, rows, offset, criteria, share)
+        if near is None:
+            near = checked(self.options.sun_reach_px, TURNS_DEG)
+        if not near.fits or matches.found.sum() > _FEW * np.isin(matches.code, SEARCHED).sum():
+            return near
+        far = checked(self.options.second_reach_px, FAR_TURNS_DEG)
+        return near if far.fits else far
 
 
 def corrected(image: Image, pose: Pose) -> Image:

@@ -45,6 +45,11 @@ from .point_search import Criteria, FoundPlaces, find_points
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: change of azimuth (clockwise) and of elevation."""
 
+FAR_TURNS_DEG = ((90.0, 0.0), (-90.0, 0.0), (180.0, 0.0))
+"""Suns that are tried where few of the searched points agree: brightness that the map knows is alike under every Sun, and a
+quarter of the points agree on a place some cells off under one that is turned by 120 to 180 deg.
+"""
+
 LEAST_ELEVATION_DEG = 1.0
 """A Sun that is lowered or raised ends so far from the horizon and from the zenith."""
 
@@ -240,6 +245,7 @@ def check_points(
     criteria: Criteria,
     independent_share: float = 1.0,
     reach_px: float = _REACH_PX,
+    turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
 ) -> SunCheck:
     """`check_sun` by points that are searched one by one: rows (n,) of the catalogue, n >= 1, each
     within ``reach_px`` of ``offset_px`` (n, 2) from where the image's sensor projects it. Pixels of
@@ -258,7 +264,8 @@ def check_points(
         )
         return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
 
-    return check_sun(search, image, catalog.position_mcmf[points], model, independent_share)
+    ground = catalog.position_mcmf[points]
+    return check_sun(search, image, ground, model, independent_share, turns_deg)
 
 
 def without_doubt(

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ from lcp_catalog.matching.position_fix import (
     nothing_in,
 )
 from lcp_catalog.matching.search_area import CoarseShift, narrowed, perhaps_in_view
-from lcp_catalog.matching.sun_check import check_points, with_sun
+from lcp_catalog.matching.sun_check import FAR_TURNS_DEG, SunCheck, check_points, with_sun
 
 UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
 QUICK = Options(check_sun=False)
@@ -495,6 +496,36 @@ def test_a_preferred_sun_is_a_doubt_about_the_place(
         spread_px2(photo.sensor, middle, a.pose.covariance)[0] for a in (plain, doubted)
     )
     assert np.allclose(np.diag(after - before), 0.4**2, rtol=0.3)
+
+
+@pytest.mark.parametrize(("few", "verdict"), [(0.5, LOCATED), (1.0, CANNOT_SAY)])
+def test_where_few_agree_far_suns_are_tried(
+    points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch, few: float, verdict: str
+) -> None:
+    """The near Suns are all worse; one of the far ones is better. More than half of the points agree."""
+    asked = []
+
+    def better(*how: Any) -> SunCheck:
+        asked.append(how[-1])
+        return replace(light(1.0, gain=0.1), turns_deg=how[-1], correlations=(0.4, 0.9, 0.9))
+
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", better)
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.without_doubt", lambda *_: light(0.1))
+    monkeypatch.setattr("lcp_catalog.matching.position_fix._FEW", few)
+    answer = locate(points, believed(photo), UNCERTAIN, LAW)
+    assert answer.verdict == verdict
+    assert asked == ([FAR_TURNS_DEG] if verdict == CANNOT_SAY else [])
+    assert ("turned by -90 deg" in answer.reason) == (verdict == CANNOT_SAY)
+
+
+@pytest.mark.parametrize("turn", [0.0, 120.0, 180.0, -135.0])
+def test_a_sun_is_told_from_far_ones(points: Catalog, photo: Image, turn: float) -> None:
+    rows = points_in_view(points, photo.sensor)
+    lied = with_sun(photo, points.position_mcmf[rows], turn, 0.0)
+    check = check_points(
+        points, lied, LAW, rows, np.zeros((len(rows), 2)), Criteria(), turns_deg=FAR_TURNS_DEG
+    )
+    assert check.fits == (turn == 0.0)
 
 
 @pytest.mark.parametrize("every", [3, 40])

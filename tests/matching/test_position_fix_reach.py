@@ -80,7 +80,7 @@ def test_reaches_are_in_the_searched_photographs_pixels(
         return find_points(*given, **more)
 
     def fits(*given: object) -> SunCheck:
-        suns.append(given[-1])
+        suns.append(given[-2])
         return light(0.1)
 
     monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)
