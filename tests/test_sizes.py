@@ -69,7 +69,8 @@ BUDGETS = {
     # 44 of foreseen noise matches count a part, a map's place in the Moon's frame
     # 27 GeoJSON without shapely: rings cut at the edge of the map; figures read without a whole check
     # 60 candidates of cameras that see the catalogue, two Suns of one camera, Suns that never come
-    "code lines, lcp_catalog": 46583,
+    # 44 of foreseen noise matches count a part, a map's place in the Moon's frame; 10 far Suns where few agree
+    "code lines, lcp_catalog": 46593,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -113,7 +114,8 @@ BUDGETS = {
     # 91 of foreseen noise matches count a part, a map's place in the Moon's frame
     # 113 of foreseen noise matches count a part, a map's place in the Moon's frame
     # 7 exports of figures
-    "words of docs": 55002,
+    # 113 of foreseen noise matches count a part, a map's place in the Moon's frame; 56 far Suns
+    "words of docs": 55058,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
