@@ -343,7 +343,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "one direction to the Sun from an area", "half the area's diagonal over 1 au, stated by the scene plan",
         effects=("parallax of the Sun", "motion of the Sun"), constants=("rendering.pipeline.SUN_MOVES_DEG",),
-        unpriced="no switch: below 1e-5 deg", price="none: a direction for each node would change no value of float32",
+        unpriced="no switch: below 1e-4 deg in builds", price="none: a direction for each node would change no value of float32",
     ),
     Approximation(
         "shape of the ground", "none: the heightfield's triangles over the curved Moon; a render may take the plain sphere, with its error stated",

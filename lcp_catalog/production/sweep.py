@@ -203,16 +203,20 @@ def plan_area(
 
 def _scattered(
     terrain: Terrain, sun: Array, view: ParallelView, config: BuildConfig, choice: LawChoice
-) -> Decision | None:
-    """The decision about light by way of other ground; None where it is not asked for."""
-    if config.model.bounce != BOUNCES[1]:
-        return None
-    tier, model = config.model.precision.tier, choice.model
-    sample = bounced_sample(terrain, Lighting.of_sun(sun), view.direction, model)
+) -> Decision:
+    """The decision about light by way of other ground."""
+    tier, model, asked = (
+        config.model.precision.tier,
+        choice.model,
+        config.model.bounce or BOUNCES[2],
+    )
+    sample = None
+    if asked == BOUNCES[1]:
+        sample = bounced_sample(terrain, Lighting.of_sun(sun), view.direction, model)
+    bound = bounced_bound(terrain.field, model)
     return decisions.bounced_light(
-        BOUNCES[1], decisions.SUN_ALONE, bounced_bound(terrain.field, model), sample,
-        BOUNCE_RMS[tier], SHOWS[tier],
-    )  # fmt: skip
+        asked, decisions.SUN_ALONE, bound, sample, BOUNCE_RMS[tier], SHOWS[tier]
+    )
 
 
 def view_range_m(off_nadir_deg: float, altitude_km: float) -> float:

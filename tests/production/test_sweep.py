@@ -15,6 +15,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.view import ParallelView, oblique_view
 from lcp_catalog.choices import REFLECTANCE_MODELS
 from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.light.bounced_light import bounced_bound
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production import sweep as module
 from lcp_catalog.production.area_job import area_sweep
@@ -164,8 +165,10 @@ def test_the_plan_of_an_area_is_a_renders_under_its_lowest_sun_and_view() -> Non
         if decision.effect not in ("perspective", "solar disc"):
             assert (there.modelled, there.unit) == (decision.modelled, decision.unit)
         # the cost of the reflectance model is that of the whole build, not of one image
-        if decision.effect not in ("perspective", "reflectance", "solar disc"):
+        if decision.effect not in ("perspective", "reflectance", "solar disc", "scattered light"):
             assert there.error_bound == decision.error_bound
+    bound = bounced_bound(terrain.field, law_of_build(CONFIG, 26.0).model)
+    assert found["scattered light"].error_bound == bound > 0.0
     # a single node is dark or lit; matches shift by what was measured, not below 0.5 deg
     assert found["solar disc"].error_bound == DISC_SHIFT
     lower = dataclasses.replace(CONFIG, view=parallel, sun=SunConfig((90.0,), (0.4, 30.0)))
