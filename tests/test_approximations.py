@@ -44,7 +44,10 @@ COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "producti
 
 RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views"
 
-FUNCTIONS = {"kernels.resampling.heights.sample", "landmarks.detection.SPREAD_NODES"}
+FUNCTIONS = {
+    *("kernels.resampling.heights.sample", "landmarks.detection.SPREAD_NODES"),
+    *("landmarks.uniqueness.RIVALS", "production.point_config.SMALLEST_PX"),
+}
 """Approximations that no constant of floating point marks."""
 
 NO_APPROXIMATIONS = {
