@@ -115,8 +115,8 @@ BUDGETS = {
     # 91 of foreseen noise matches count a part, a map's place in the Moon's frame
     # 113 of foreseen noise matches count a part, a map's place in the Moon's frame
     # 7 exports of figures
-    # 113 of foreseen noise matches count a part, a map's place in the Moon's frame; 56 far Suns
-    "words of docs": 55058,
+    # 113 of foreseen noise matches count a part, a map's place in the Moon's frame; 56 far Suns; 68 Kaguya and Apollo 16 again
+    "words of docs": 55126,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
