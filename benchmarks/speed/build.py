@@ -1,5 +1,5 @@
-"""Time of the main job: areas of three terrains by stage beside a straightforward pipeline in the same process, and whole builds
-beside another commit.
+"""Time of the main job: areas of three terrains by stage beside two pipelines in the same process, a strong one (`strong`) and
+a straightforward one (`pipeline`), and whole builds beside another commit.
 
     python -m benchmarks.speed build areas commit roofline jobs        (make bench-build; default: areas)
     python -m benchmarks.speed build --case highland --rounds 1
@@ -89,7 +89,7 @@ class Timed:
 
 @dataclass(frozen=True)
 class Area:
-    """A case's area: the library's run of it and the pipeline's, timed in turn."""
+    """A case's area: the library's run of it and the pipelines', timed in turn."""
 
     case: Case
     name: str
@@ -97,42 +97,47 @@ class Area:
     nodes: int
     conditions: int
     ours: Timed
-    theirs: Timed
+    theirs: dict[str, Timed]
 
     @classmethod
     def timed(cls, case: Case, folder: Path, rounds: int) -> Area:
         from benchmarks.speed.pipeline import Pipeline  # Embree is not everywhere
+        from benchmarks.speed.strong import Strong
 
         job, other = case.jobs(folder)
         ours = Timed(partial(run_area, job), LIBRARY, run_area(job))
         found = ours.candidates
-        theirs = Timed(
-            lambda: Places(found.lon_deg, found.lat_deg, Pipeline(job, found).run()), PIPELINE
-        )
-        tasks: dict[str, Task] = {"ours": ours.once, "theirs": theirs.once}
+
+        def run(pipeline: type[Pipeline]) -> Places:
+            return Places(found.lon_deg, found.lat_deg, pipeline(job, found).run())
+
+        theirs = {
+            "strong": Timed(partial(run, Strong), PIPELINE),
+            "plain": Timed(partial(run, Pipeline), PIPELINE),
+        }
+        every = {"now": ours, **theirs}
         elsewhere = partial(area_sweep, other)  # in a build, the last area was another one
-        times = in_turn(tasks, rounds, before=elsewhere)
-        ours.seconds, theirs.seconds = times["ours"], times["theirs"]
-        in_turn({"ours": ours.staged, "theirs": theirs.staged}, rounds, before=elsewhere)
+        tasks: dict[str, Task] = {name: one.once for name, one in every.items()}
+        for name, seconds in in_turn(tasks, rounds, before=elsewhere).items():
+            every[name].seconds = seconds
+        in_turn({name: one.staged for name, one in every.items()}, rounds, before=elsewhere)
         conditions = job.conditions.count
         return cls(case, job.task.name, job.recipe.gsd_m, own_nodes(job), conditions, ours, theirs)
 
-    @property
-    def times_faster(self) -> float:
-        return ratio(self.ours.seconds, self.theirs.seconds)
+    def times_faster(self, name: str) -> float:
+        return ratio(self.ours.seconds, self.theirs[name].seconds)
 
     @property
     def rate(self) -> float:
         """Own nodes times conditions a second and core, millions."""
         return self.nodes * self.conditions / median(self.ours.seconds) / 1e6
 
-    @property
-    def differences(self) -> Differences:
-        return differences(self.theirs.candidates, self.ours.candidates, self.cell_m)
+    def differences(self, name: str) -> Differences:
+        return differences(self.theirs[name].candidates, self.ours.candidates, self.cell_m)
 
     def text(self) -> str:
         """Sizes, stages and differences."""
-        both = {"now": self.ours, "pipeline": self.theirs}
+        both = {"now": self.ours, **self.theirs}
         sizes = [
             [name, self.nodes, self.conditions, len(one.candidates), _usable(one.candidates),
              f"{median(one.seconds):.3f}"]
@@ -145,8 +150,10 @@ class Area:
         ]
         return (
             f"## {self.case.name}\n\nArea {self.name}, cells of {self.cell_m:.0f} m: {self.rate:.3f} million node-conditions a "
-            f"second, {self.times_faster:.2f} times as fast as the pipeline.\n\n{table(head, sizes)}\n\n"
-            f"{table(['stage, ms', *both], stages)}\n\n{_told(self.differences)}"
+            f"second, {self.times_faster('strong'):.2f} times as fast as the strong pipeline, "
+            f"{self.times_faster('plain'):.2f} as the plain one.\n\n{table(head, sizes)}\n\n"
+            f"{table(['stage, ms', *both], stages)}\n\n"
+            + "\n\n".join(f"{name}:\n\n{_told(self.differences(name))}" for name in self.theirs)
         )
 
 
@@ -179,12 +186,18 @@ def _told(found: Differences) -> str:
 def summary(areas: Sequence[Area]) -> str:
     """One row a case."""
     rows = [
-        [a.case.name, a.nodes, a.conditions, len(a.ours.candidates), f"{a.rate:.3f}", f"{a.times_faster:.1f}",
-         percent(a.differences.usable, 3)]
+        [a.case.name, a.nodes, a.conditions, len(a.ours.candidates), f"{a.rate:.3f}",
+         *(text for name in a.theirs for text in (f"{a.times_faster(name):.1f}", percent(a.differences(name).usable, 3)))]
         for a in areas
     ]  # fmt: skip
     head = ["case", "own nodes", "conditions", "candidates", "M node-conditions / s"]
-    return f"## all cases\n\n{table([*head, 'times the pipeline', 'decisions not alike'], rows)}"
+    more = [
+        "times the strong pipeline",
+        "decisions not alike",
+        "times the plain one",
+        "decisions not alike",
+    ]
+    return f"## all cases\n\n{table([*head, *more], rows)}"
 
 
 def areas(asked: argparse.Namespace) -> Iterator[str]:

@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 
 from benchmarks.speed.pipeline_match import Match, probabilities, registered, search, windows
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
+from lcp_catalog.landmarks.error_model import local_contrast
 from lcp_catalog.production.area_job import area_sweep
 
 LIFT_M = 0.05
@@ -183,6 +184,9 @@ class Group:
 class Pipeline:
     """All candidates of an area in all conditions; ``found`` is the result."""
 
+    search: Any = staticmethod(search)
+    probabilities: Any = staticmethod(probabilities)
+
     def __init__(self, job: Any, candidates: Any) -> None:
         self.job, self.sweep = job, area_sweep(job)
         self.points, self.errors = job.recipe.config.points, job.recipe.errors
@@ -265,6 +269,9 @@ class Pipeline:
         """Every condition of a group."""
         half, of, shape = self.points.half, self.sweep.conditions, self.core[2].shape
         x, y, z = self.core
+        bright = np.full(shape, np.nan) if self.factors is None else self.factors
+        contrast = local_contrast(windows(bright, group.rows, group.cols, half))
+        self.moving = self.errors.moving(contrast)
         squares = [
             (x[c - half : c + half + 1], y[r - half : r + half + 1],
              z[r - half : r + half + 1, c - half : c + half + 1])
@@ -376,10 +383,13 @@ class Pipeline:
         pixel_m = scale * self.job.recipe.gsd_m
         match = registered(alone / unit, seen / unit, errors, self.errors, pixel_m)
         reach = max(1, self.points.search_nodes(self.job.recipe.gsd_m) // scale)
-        places_ = search(shown, alone, rows, cols, reach)
+        places_ = self.search(shown, alone, rows, cols, reach)
         own = correlation(alone, seen)
-        found[good] = np.stack(probabilities(match, places_, level, own, self.errors.spread), 1)
-        sigma[good] = sigma_major(match, pixel_m, self.errors.position_sigma_m)
+        found[good] = np.stack(
+            self.probabilities(match, places_, level, own, self.errors.spread), 1
+        )
+        place_m = float(self.errors.place_sigma_m(self.job.recipe.gsd_m))
+        sigma[good] = sigma_major(match, pixel_m, place_m, self.moving[good])
         return found, sigma
 
 
@@ -400,8 +410,11 @@ def correlation(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.where(product > 0.0, (a * b).sum((1, 2)) / np.where(product > 0.0, product, 1.0), 0.0)
 
 
-def sigma_major(match: Match, pixel_m: float, position_m: float) -> np.ndarray:
-    whole = (match.covariance + match.bias[:, :, None] * match.bias[:, None]) * pixel_m**2
+def sigma_major(match: Match, pixel_m: float, position_m: float, share: np.ndarray) -> np.ndarray:
+    """``share`` (n,): of the covariance by which matches are displaced."""
+    whole = (
+        share[:, None, None] * match.covariance + match.bias[:, :, None] * match.bias[:, None]
+    ) * pixel_m**2
     finite = np.isfinite(whole).all(axis=(1, 2))
     values = np.linalg.eigvalsh(np.where(finite[:, None, None], whole, 0.0))[:, 1]
     return np.where(finite, np.sqrt(np.maximum(values, 0.0) + position_m**2), np.inf)

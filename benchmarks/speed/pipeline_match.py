@@ -19,6 +19,8 @@ from scipy.special import ndtr
 RIVALS, EXCLUSION = 64, 2.0
 LEAST_CORRELATION = 0.3
 LEAST_VARIANCE = 1e-12
+CLEAR_BY = 0.8416212335729143
+"""Joint sigmas by which the true place must be higher, so that a mistake is less probable than 0.2."""
 STEPS = np.linspace(-5.0, 5.0, 61)
 QUADRATURE, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
@@ -231,6 +233,7 @@ def probabilities(
         theirs, theirs_variance = expected(
             contrast, rivals, noise[:, None], along[:, None], match.nodes
         )
+        theirs += CLEAR_BY * np.sqrt(variance[:, None] + theirs_variance)
         sigma = np.sqrt(variance)
         x = mean[:, None] + STEPS * sigma[:, None]
         width = (STEPS[1] - STEPS[0]) * sigma
@@ -239,8 +242,15 @@ def probabilities(
         above = ndtr(gaps).prod(axis=2)
         total += weight * np.stack([(passed * above).sum(1), passed.sum(1)]) / density.sum()
     total[:, bad] = 0.0
-    top = _on_top(match, found, level, own)
+    top = _on_top(match, found, level, own) * settling(match)
     return total[0] * top, total[1]
+
+
+def settling(match: Match) -> np.ndarray:
+    """Probability that the fit to a fraction of a pixel ends near the peak: broad ones lose it."""
+    finite = np.where(np.isfinite(match.covariance), match.covariance, 1e12)
+    sigma = np.sqrt(np.linalg.eigvalsh(finite)[:, 1])
+    return np.asarray(np.clip(1.0 - 0.3 * (sigma - 0.3), 0.0, 1.0))
 
 
 def _on_top(match: Match, found: Searched, level: np.ndarray, own: np.ndarray) -> np.ndarray:

@@ -50,8 +50,10 @@ PIPELINE: dict[str, str] = {
     "pipeline:correlation": "localization, detection",
     "pipeline:sigma_major": "localization, detection",
     "pipeline_match:search": "uniqueness",
+    "strong:search": "uniqueness",
+    "strong:probabilities": "localization, detection",
 }
-"""Functions of the straightforward pipeline, and their stages."""
+"""Functions of the pipelines, and their stages."""
 REST = "rest"
 STAGES = (*dict.fromkeys(LIBRARY.values()), REST)
 _FOLDERS = (Path(lcp_catalog.__file__).parent, ROOT / "benchmarks" / "speed")
