@@ -54,7 +54,7 @@ bench: $(READY) ## rates of terrain, shadows, rays, light and matching; plans an
 	$(BIN)/python -m benchmarks.speed kernels
 	$(BIN)/python -m benchmarks.speed scale
 
-bench-build: $(READY) ## a build by stage, beside a straightforward pipeline and beside another commit
+bench-build: $(READY) ## a build by stage, beside a plain and a strong pipeline and beside another commit
 	$(BIN)/python -m benchmarks.speed build areas commit roofline jobs
 
 bench-peers: $(READY) ## shadows and camera rays beside Mitsuba and Embree
