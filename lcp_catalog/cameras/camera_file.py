@@ -20,7 +20,7 @@ from typing import NoReturn
 import numpy as np
 
 from ..arrays import Array
-from ..errors import CameraError, unread
+from ..errors import CameraError
 from ..file_kinds import other_kind
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_of
 from .frame_camera import Camera, camera_from_json, fields_of_plane
@@ -279,8 +279,10 @@ def require_pixels(sensor: AnySensor) -> None:
 def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise CameraError(f"{path}: there is no such file") from error
     except OSError as error:
-        raise CameraError(str(unread(path, error))) from error
+        raise CameraError(f"{path}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:
         found = other_kind(path, "a camera file (CAMERA.json, USGS ISD or .tsai)")
         raise CameraError(f"{path}: {found or f'is not JSON: {error}'}") from error

@@ -180,7 +180,7 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
         ("query c.h5 --camera cam.json --sun-azimuth 3", 2, "go together"),
         ("query c.h5 --camera cam.json --max 0", 2, "0 is not in the range"),
         ("query c.h5 --camera cam.json --attitude-sigma nan", 2, "not a finite number"),
-        ("query c.h5 --camera nothing.json", 1, "nothing.json: cannot be read"),
+        ("query c.h5 --camera nothing.json", 1, "nothing.json: there is no such file"),
         ("query c.h5 --camera c.h5", 1, "is an HDF5 file, such as a catalogue, not a camera"),
         ("query cam.json --camera cam.json", 1, "is a JSON file, such as a camera, not a catalogue"),
         ("query none.h5 --camera cam.json", 1, "there is no such file"),
