@@ -152,7 +152,7 @@ def test_errors_name_the_field(tmp_path, changes, says):
 
 
 def test_files_that_are_no_cameras(tmp_path):
-    with pytest.raises(CameraError, match="none.json: there is no such file"):
+    with pytest.raises(CameraError, match=r"none\.json: there is no such file"):
         read_camera(tmp_path / "none.json")
     for text, says in (
         ("{", "is not JSON"),
