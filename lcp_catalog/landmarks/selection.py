@@ -8,6 +8,7 @@ lower bound of their number.
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -326,7 +327,10 @@ def nearest(places: Places, others: Places) -> tuple[Index, Array]:
     here, there = places.unit, others.unit
     if not len(there):
         return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
-    chord, index = _tree(there).query(here, workers=thread_count())
+    # SciPy's own threads lose errors, and with them rows of the result
+    with ThreadPoolExecutor(thread_count()) as pool:
+        found = list(pool.map(_tree(there).query, np.array_split(here, thread_count())))
+    chord, index = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return index.astype(np.int64), 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 

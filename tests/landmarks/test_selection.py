@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import central_angle_deg
+from lcp_catalog.landmarks import selection
 from lcp_catalog.landmarks.selection import (
     Nearby,
     Places,
@@ -215,6 +216,22 @@ def test_nearest_is_that_of_brute_force():
     assert index.tolist() == every.argmin(axis=1).tolist()
     index, away = nearest(Places(lon, lat), at([], []))
     assert (index.tolist(), away.tolist()) == ([-1] * 80, [np.inf] * 80)
+
+
+def test_a_thread_without_memory_ends_the_search_for_the_nearest(monkeypatch: pytest.MonkeyPatch):
+    """Its places would be infinitely far from all others."""
+
+    class Tree:
+        def query(self, here, workers=1):
+            if workers == 1:
+                raise MemoryError
+            return np.full(len(here), np.inf), np.zeros(len(here), int)  # as SciPy's threads do
+
+    monkeypatch.setattr(selection, "_tree", lambda unit: Tree())
+    monkeypatch.setattr(selection, "thread_count", lambda: 2)
+    places = Places(*scattered(4, 80, (359.9, 88.5))[:2])
+    with pytest.raises(MemoryError):
+        nearest(places, places)
 
 
 def test_pairs_within_a_distance_are_those_of_brute_force():
