@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ..approximations import APPROXIMATIONS, Approximation
 from ..arrays import Array, Index, Mask
@@ -55,16 +56,6 @@ SAVING = 0.03
 """Least share of the time that an alternative must save to be taken: less is noise."""
 
 _LOWEST_SUNS = 2
-_T = (
-    6.31,
-    2.92,
-    2.35,
-    2.13,
-    2.02,
-    1.94,
-    1.89,
-    1.86,
-)  # Student, two-sided 90 %, 1 to 8 degrees of freedom
 _LEAST_MATCHED = 0.5
 
 Row = dict[str, Any]
@@ -355,11 +346,14 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     # Suns of a finer grid that never occur are not judged
     judged = old.known & new.known if wanted is not config else old.known
     changed = (old.usable != new.usable) & judged
-    by_area = [
-        float(changed[group].sum() / judged[group].sum())
-        for k in range(len(sample.jobs))
-        if judged[group := usual.area[here] == k].any()
-    ]
+    by_area = np.array(
+        [
+            (changed[group].sum(), judged[group].sum())
+            for k in range(len(sample.jobs))
+            if judged[group := usual.area[here] == k].any()
+        ],
+        np.float64,
+    )
     share = float(changed.sum() / judged.sum()) if judged.any() else None
     shift = np.abs(old.detection - new.detection)
     shift = shift[np.isfinite(shift)]
@@ -401,16 +395,18 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     }
 
 
-def _interval(shares: Sequence[float]) -> list[float] | None:
-    """The 90 % interval of the mean of the areas' shares; None for one area."""
-    if len(shares) < 2:
+def _interval(by_area: Array) -> list[float] | None:
+    """The 90 % interval of the share of all changed among all judged conditions, of those of each area (n, 2): Cochran (1977),
+    *Sampling Techniques*, 6.3, for a ratio; None for one area.
+    """
+    count = len(by_area)
+    if count < 2:
         return None
-    half = (
-        _T[min(len(shares) - 2, len(_T) - 1)]
-        * float(np.std(shares, ddof=1))
-        / math.sqrt(len(shares))
-    )
-    return [max(0.0, float(np.mean(shares)) - half), min(1.0, float(np.mean(shares)) + half)]
+    changed, judged = by_area.T
+    share = float(changed.sum() / judged.sum())
+    spread = float(np.std(changed - share * judged, ddof=1) / judged.mean())
+    half = float(stdtrit(count - 1, 0.95)) * spread / math.sqrt(count)
+    return [max(0.0, share - half), min(1.0, share + half)]
 
 
 # -- the measurement

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.trades import CONFIG, cratered_dem
+from scipy import stats
 
 from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.catalog.promise import kept_promise
@@ -91,6 +92,27 @@ def test_rows_are_the_contracts_and_count_what_changes(found: Trade, build: Buil
     assert changed > 0
     low, high = rows["dependence"]["interval"]
     assert low <= rows["dependence"]["conditions_changed_share"] <= high
+
+
+def test_an_interval_is_that_of_the_share_of_all_areas() -> None:
+    even = np.array([[5.0, 100.0], [9.0, 100.0], [1.0, 100.0], [6.0, 100.0]])
+    shares = even[:, 0] / 100.0
+    expected = stats.t.interval(0.9, 3, shares.mean(), stats.sem(shares))
+    assert knobs._interval(even) == pytest.approx(list(np.clip(expected, 0.0, 1.0)), rel=1e-3)
+    low, high = knobs._interval(np.array([[30.0, 3000.0], [0.0, 10.0], [0.0, 10.0]])) or (1.0, 0.0)
+    assert low <= 30.0 / 3020.0 <= high < 0.02
+    assert knobs._interval(even[:1]) is None
+
+
+def test_the_views_between_are_in_reach_of_those_of_the_build() -> None:
+    (views,) = (one for one in APPROXIMATIONS if one.name.startswith("views"))
+    for own in ((0.0,), (0.0, *[50.0] * 4)):
+        sides = (0.0, *np.arange(len(own) - 1) * 90.0)
+        usual = BuildConfig().replaced(
+            {"area.gsd_m": 118.0, "view.off_nadir_deg": own, "view.azimuth_deg": sides, "view.altitude_km": (math.inf,) * len(own)}
+        )  # fmt: skip
+        (more,) = (change for name, change in views.values(usual).items() if name.startswith("and"))
+        assert knobs._of_views(usual.replaced(more).view, usual.view).any(axis=1).all()
 
 
 def test_conditions_that_are_no_longer_stated_count_as_changed(found: Trade, build: Build) -> None:
