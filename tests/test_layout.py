@@ -49,7 +49,7 @@ FENCES = {
     "numba": {"kernels", "threads"},
     "llvmlite": {"kernels"},
     "erfa": {"ephemeris", "light"},
-    "scipy": {"dem", "images", "landmarks", "matching", "photometry", "validation"},
+    "scipy": {"dem", "images", "landmarks", "matching", "photometry", "tradeoff", "validation"},
     "jinja2": {"plots"},
 }
 
