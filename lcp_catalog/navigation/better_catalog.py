@@ -33,6 +33,9 @@ _MOSTLY = 0.5
 _COUNTS = 0.1
 """Least share of the points in view that a cause needs for its cures to be named."""
 
+_LOW_DEG = 1.0
+"""Sun for which a row of its own is named where it is higher at some points: below it nearly all ground is in shadow."""
+
 _NAMED = 2
 """Catalogues that are named."""
 
@@ -145,17 +148,20 @@ def _never(points: FramePoints) -> bool:
 
 
 def _suns(catalog: Catalog, points: FramePoints, count: int) -> Iterator[Better]:
-    """Another Sun of the table, so that it reaches that of the image, if it is above the horizon of all points; of a Sun
-    between the elevations its azimuth is lacking.
+    """Another Sun of the table, so that it reaches that of the image at most of the points where it is day; of a Sun between
+    the elevations its azimuth is lacking.
     """
     along, above = azimuth_elevation(points.rotation @ points.frame.sun)
-    suns, low, high = catalog.sun_elevation, float(above.min()), float(above.max())
-    if low <= 0.0 or _never(points):
+    suns = catalog.sun_elevation
+    low, high = above[(above > 0.0) & (above < suns.min())], above[above > suns.max()]
+    if _never(points) or above.max() <= 0.0:
         return
-    if low < suns.min():
-        node = math.floor(low) or math.floor(10.0 * low) / 10.0
-    elif high > suns.max():
-        node = math.ceil(high)
+    if len(low):
+        least = float(min(low[low >= _LOW_DEG], default=low.max()))
+        node = math.floor(least) or math.floor(10.0 * least) / 10.0
+        count = int((low >= node).sum())
+    elif len(high):
+        node = math.ceil(high.max())
     else:
         azimuth = f"`sun.azimuths_deg` with {float(np.median(along)):.0f}"
         yield Better(1.0 + 1.0 / len(catalog.sun_azimuth), azimuth, count)

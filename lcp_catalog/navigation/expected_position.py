@@ -414,11 +414,13 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
 
 
 def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetection:
-    """How many of the points in view are found together, searched for with the attitude known as stated, else as
+    """How many of the points in view that have a claim are found together, searched for with the attitude known as stated, else as
     `locate` takes it.
     """
     claims, sensor = points.claims, points.frame.sensor
-    stated = np.isfinite(claims.covariance_m2).all(axis=(1, 2)) & (claims.cause != _EDGE)
+    stated = np.isfinite(claims.covariance_m2).all(axis=(1, 2)) & ~np.isin(
+        claims.cause, _NOT_CLAIMED
+    )
     some = np.flatnonzero(stated & np.isfinite(claims.detection_probability))
     rows = points.rows[some]
     slope = ground_slopes(sensor, catalog.position_mcmf[rows], points.rotation[some])
@@ -430,7 +432,8 @@ def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetect
     )
 
 
-_EDGE = CAUSES.index("edge")
+_NOT_CLAIMED = CAUSES.index("edge"), CAUSES.index("sun")
+"""Patches that the image cuts, and Suns outside the table: claims beyond its last Sun are those of that Sun."""
 
 
 def _heights(catalog: Catalog, rows: Index, query: Query) -> Array:

@@ -59,6 +59,20 @@ def test_a_sun_outside_the_table_is_priced(
     assert text.endswith(f"a catalogue that may have more: {more} the work")
 
 
+def test_a_sun_that_sets_within_the_image_is_priced_for_the_points_by_day(
+    catalog: Catalog,
+) -> None:
+    """1.3 deg high in the middle: some points have it below 1 deg."""
+    planned = PlannedImage.lit(camera(ABOVE), SunChoice(90.0, 1.3))
+    text = better_catalog(catalog, planned)
+    rows = points_in_view(catalog, camera(ABOVE))
+    up = catalog.position_mcmf[rows] / np.linalg.norm(catalog.position_mcmf[rows], axis=1)[:, None]
+    above = np.degrees(np.arcsin(up @ planned.sun))
+    assert above.min() < 1.0 < above.max()
+    by_day = np.count_nonzero(above >= 1.0)
+    assert f"`sun.elevations_deg` with 1, for at most {by_day} points more, at " in text
+
+
 def test_no_catalogue_helps_under_a_sun_below_the_horizon(catalog: Catalog) -> None:
     night = PlannedImage.lit(camera(ABOVE), SunChoice(273.0, -5.0))
     text = better_catalog(catalog, night)

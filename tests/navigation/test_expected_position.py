@@ -56,6 +56,17 @@ def test_a_sun_below_the_horizon_is_said_after_the_causes(catalog: Catalog) -> N
         assert re.search(rf"points in view usable \({before}{night}", result_line(answer))
 
 
+def test_points_whose_sun_is_outside_the_table_locate_nothing(catalog: Catalog) -> None:
+    """Their claims, of the table's nearest Sun, are stated within half a step of it, and no point is usable by them."""
+    lowest = float(catalog.sun_elevation.min())
+    answers = [
+        catalog.query(camera(EnuFrame(*catalogs.CENTER)), SunChoice(100.0, lowest + above))
+        for above in (3.0, -1.5)
+    ]
+    assert answers[0].joint.located > 0.9
+    assert (answers[1].usable, answers[1].joint.expected, answers[1].joint.located) == (0, 0.0, 0.0)
+
+
 @pytest.fixture(scope="module")
 def taken() -> Camera:
     """A metric camera with a bent lens, a little tilted."""
