@@ -121,10 +121,25 @@ class JsonFields:
 
 def parsed(text: str, name: str) -> JsonFields:
     """Fields of a file's text; CameraError for text that is not one JSON object."""
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise CameraError(f"{name}: is not JSON: {error}") from error
+    document = json_value(text, name)
     if not isinstance(document, Mapping):
         raise CameraError(f"{name}: a camera file holds one JSON object")
     return JsonFields(document, name)
+
+
+def json_value(text: str, name: str) -> Any:
+    """What a JSON text holds; CameraError for text that is not JSON, and for an object with a key twice."""
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            twice = next(key for k, (key, _) in enumerate(pairs) if key in dict(pairs[:k]))
+            raise CameraError(f"{name}: has the key {twice!r} twice: remove one")
+        return found
+
+    try:
+        return json.loads(text, object_pairs_hook=once)
+    except CameraError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise CameraError(f"{name}: is not JSON: {error}") from error

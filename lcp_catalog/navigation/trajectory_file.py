@@ -10,7 +10,6 @@ with # are ignored.
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..cameras.frame_camera import Camera, camera_from_json
+from ..cameras.json_fields import json_value
 from ..ephemeris.times import instants
 from ..errors import CameraError, SunError
 from ..geometry.rotations import turned
@@ -58,10 +58,7 @@ def read_trajectory(path: Path | str, camera: Camera | None = None) -> list[Came
 
 
 def _from_json(text: str, name: str) -> list[Camera]:
-    try:
-        documents = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise CameraError(f"{name}: is not JSON: {error}") from error
+    documents = json_value(text, name)
     if not isinstance(documents, list):
         raise CameraError(f"{name}: must be a list of cameras, or a CSV table")
     _require_few(len(documents), name)

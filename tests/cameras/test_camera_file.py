@@ -116,6 +116,7 @@ def test_the_image_has_the_cameras_size(all_three):
     [
         (b"", "is not JSON"),
         (b"[1, 2]", "one JSON object"),
+        (b'{"size": 1, "lens": {"a": 1, "b": 2, "a": 3}}', "has the key 'a' twice: remove one"),
         (b"\xff\xfe", "is not JSON"),
         (b"[" * 100_000, "is not JSON"),
         (b'{"instrument_pointing": {}}', "lacks name_model"),
@@ -124,8 +125,9 @@ def test_the_image_has_the_cameras_size(all_three):
 )
 def test_refused_camera_files(tmp_path, content, says):
     (tmp_path / "c").write_bytes(content)
-    with pytest.raises(CameraError, match=rf"/c: .*{says}"):
+    with pytest.raises(CameraError, match=rf"/c: .*{says}") as raised:
         read_sensor(tmp_path / "c")
+    assert str(raised.value).count("/c: ") == 1
 
 
 def test_a_folder_is_no_camera(tmp_path):
