@@ -323,7 +323,7 @@ def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     distance = nearest - math.sqrt(half_chord) if half_chord >= 0.0 else -math.inf
     if not distance >= 0.0:
         raise ImageError(
-            f"{path or sensor.name}: its centre does not show the Moon, so that angles of the Sun "
+            f"{path or sensor.name}: {below_sphere(sensor) or 'its centre does not show the Moon'}, so that angles of the Sun "
             "have no reference place: give `time_utc` or `subsolar_deg`"
         )
     lon, lat, _ = mcmf_to_lonlat(origin + distance * direction)
@@ -340,7 +340,10 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     """
     positions, directions = sensor.looks(border_and_inside(sensor.shape, samples))
     if (np.linalg.norm(positions, axis=-1) <= MOON_RADIUS_M).any():
-        raise CameraError(f"{sensor.name}: the camera is below the reference sphere: give the area")
+        raise CameraError(
+            f"{sensor.name}: {below_sphere(sensor) or 'the camera is below the reference sphere'}, where its "
+            "footprint is not computed: give `bounds`, or `center` and `size_km`"
+        )
     seen = [_on_sphere(positions, directions)]
     if (positions == positions[0]).all():
         seen.append(_limb(sensor, positions[0], 8 * samples))
@@ -356,6 +359,15 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
     west, east = enclosing_arc(lon, lon)
     west, east = (west + 360.0, east + 360.0) if west < 0.0 else (west, east)
     return Bounds(west, float(lat.min()), east, float(lat.max()))
+
+
+def below_sphere(sensor: Sensor) -> str:
+    """That a sensor (its position in the image's middle) is below the reference sphere, by how much; empty if it is not."""
+    depth_m = MOON_RADIUS_M - float(np.linalg.norm(optical_axis(sensor)[0]))
+    if depth_m < 0.0:
+        return ""
+    radius = f"(radius {MOON_RADIUS_M / 1e3:g} km)"
+    return f"the camera is {depth_m / 1e3:.2f} km below the reference sphere {radius}"
 
 
 def sees_nothing(sensor: Sensor) -> CameraError:

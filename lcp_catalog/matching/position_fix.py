@@ -215,6 +215,10 @@ def locate(
     search = _FixSearch(catalog, image, working, uncertainty, law, options, levels)
     if not len(area):
         return Fix(CANNOT_SAY, none_in_view(catalog, image.sensor), search.unmatched())
+    if not working.signal.size:
+        few = f"the image is smaller than a pixel of the search, {working.sensor.factor} of its own wide"
+        unused = search.unmatched(area.points)
+        return Fix(CANNOT_SAY, f"{few}: use a catalogue with finer cells", unused)
     if (missing := nothing_in(image)) is not None:
         return Fix(CANNOT_SAY, missing, search.unmatched(area.points))
     return search.located(area.at_least(options.least_reach_px * search.factor))

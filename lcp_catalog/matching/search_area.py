@@ -22,12 +22,12 @@ from scipy.ndimage import maximum_filter
 
 from ..arrays import Array, Float32, Index, Mask
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
-from ..cameras.view import center_of
+from ..cameras.view import below_sphere, center_of, optical_axis
 from ..catalog.catalogue import Catalog
 from ..constants import MOON_RADIUS_M
 from ..errors import ImageError
 from ..geometry.bounds import enclosing_bounds
-from ..geometry.frames import lonlat_to_mcmf
+from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from ..images.image import Image
 from ..kernels.matching import correlation
 from ..landmarks.located import SIGNIFICANT
@@ -362,8 +362,8 @@ def _reach(slope: Array, covariance: Array, sigmas: float) -> Array:
 
 
 def none_in_view(catalog: Catalog, sensor: Sensor) -> str:
-    """One line: the place of the image's centre, its distance from the nearest point on the sphere,
-    and the box of the points.
+    """One line: the place of the image's centre (of a camera below the reference sphere its own), its distance from
+    the nearest point on the sphere, and the box of the points.
     """
     none = f"none of the catalogue's {len(catalog)} points can be in view"
     if not len(catalog):
@@ -374,13 +374,21 @@ def none_in_view(catalog: Catalog, sensor: Sensor) -> str:
         f"the points lie at longitude {box.west:.2f} .. {box.east:.2f}, "
         f"latitude {box.south:.2f} .. {box.north:.2f}"
     )
+    below = below_sphere(sensor)
+    shows = f"{below}, over" if below else "the image's centre shows"
     try:
-        lon_deg, lat_deg = center_of(sensor)
+        lon_deg, lat_deg = _below(sensor) if below else center_of(sensor)
     except ImageError:
         return f"{none}: the image's centre shows no ground; {points}"
     cosine = lonlat_to_mcmf(lon, lat) @ lonlat_to_mcmf(lon_deg, lat_deg) / MOON_RADIUS_M**2
     away_km = MOON_RADIUS_M / 1e3 * math.acos(float(np.clip(cosine.max(), -1.0, 1.0)))
     return (
-        f"{none}: the image's centre shows longitude {lon_deg:.2f}, latitude {lat_deg:.2f}, "
+        f"{none}: {shows} longitude {lon_deg:.2f}, latitude {lat_deg:.2f}, "
         f"{away_km:.0f} km from the nearest point; {points}"
     )
+
+
+def _below(sensor: Sensor) -> tuple[float, float]:
+    """Longitude and latitude, degrees, of the place below a sensor."""
+    lon, lat, _ = mcmf_to_lonlat(optical_axis(sensor)[0])
+    return float(lon), float(lat)

@@ -17,7 +17,7 @@ import numpy as np
 from ..cameras.frame_camera import Camera
 from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import POSE, Sensor
-from ..cameras.view import footprint
+from ..cameras.view import below_sphere, footprint
 from ..catalog.catalogue import Catalog
 from ..constants import SUBSOLAR_LATITUDE_MAX_DEG
 from ..errors import ImageError
@@ -90,6 +90,8 @@ def _elsewhere(catalog: Catalog, sensor: Sensor) -> str:
     see points without a mistake of its file.
     """
     if isinstance(sensor, Camera) and likely_mistake(sensor, shows_points(catalog)):
+        return ""
+    if below_sphere(sensor):  # without a footprint
         return ""
     try:
         seen = footprint(sensor)

@@ -258,13 +258,20 @@ def _sun(sensor: Sensor) -> dict[str, Any] | None:
 
 
 def _on_dem(sensor: Sensor, ground: Array, dems: DemSet, cell_m: float) -> dict[str, Any]:
-    """Share of the ground where the DEM has heights, which are read, and the sensor's height above its own."""
-    position, _ = optical_axis(sensor)
-    lon, lat, height = mcmf_to_lonlat(np.concatenate([position[None], ground]))
-    below, *seen = dems.heights(lon, lat, cell_m)[0].tolist()
+    """Share of the ground where the DEM has heights, which are read, and the sensor's height above its own. Between
+    the ground and the reference sphere, what it shows is taken on the sphere through the ground below it.
+    """
+    lon, lat, height = mcmf_to_lonlat(optical_axis(sensor)[0][None])
+    below = float(dems.heights(lon, lat, cell_m)[0][0])
+    if below < height[0] <= 0.0:
+        origins, rays = sensor.looks(border_and_inside(sensor.shape, _GRID))
+        ground = hits(origins, rays, MOON_RADIUS_M + below)[1]
+        ground = ground[np.isfinite(ground[:, 0])]
+    lon, lat, _ = mcmf_to_lonlat(ground)
+    seen = dems.heights(lon, lat, cell_m)[0] if len(ground) else np.zeros(0)
     above_km = 1e-3 * (float(height[0]) - below)
     return {
-        "covered_share": float(np.isfinite(seen).mean()) if seen else 0.0,
+        "covered_share": float(np.isfinite(seen).mean()) if len(ground) else 0.0,
         "height_above_ground_km": above_km if math.isfinite(above_km) else None,
     }
 
@@ -291,9 +298,10 @@ def _problems(sensor: Sensor, found: dict[str, Any], catalog: Catalog | None) ->
             f"the Sun of the file is {-found['sun']['elevation_deg']:.1f} deg below the horizon at "
             f"{_at(found['centre'] or found['position'])}: check sun_position_mcmf_m and time_utc"
         )
-    if found["dem"] and not found["dem"]["covered_share"]:
+    above = found["dem"] and found["dem"]["height_above_ground_km"]
+    if found["dem"] and not found["dem"]["covered_share"] and not (above or 0.0) < 0.0:
         yield "the DEM holds nothing of what the camera sees: check the position, or give another DEM"
-    if found["dem"] and (found["dem"]["height_above_ground_km"] or 0.0) < 0.0:
+    if (above or 0.0) < 0.0:
         yield "the camera is below the DEM's ground: check position_mcmf_m"
 
 

@@ -15,6 +15,7 @@ for an error that moves each place by d_i (`matching.pose`).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -38,8 +39,11 @@ from ..matching.joint_detection import JointDetection, joint_detection
 from ..matching.point_choice import LEAST_SIGMA_PX, shows_points
 from ..matching.pose import covariance_of, jacobian
 from ..matching.position_fix import USUAL
+from ..matching.search_area import none_in_view
 from .frame_points import CAUSES, FramePoints, PlannedImage, points_of_frames
 from .trajectory_file import read_trajectory
+
+log = logging.getLogger(__name__)
 
 FIRST_SIGMAS = 3.0
 """1 sigma of the position before the first point of `best_points`, in mean distances of the points;
@@ -550,6 +554,8 @@ def query(
         any_sensor(camera, shows_points(catalog)), SunChoice.of(sun), warns=True
     )
     (answer,) = answers(catalog, [image], asked)
+    if not answer.counts["in_view"]:
+        log.warning("%s: %s", image.sensor.name, none_in_view(catalog, image.sensor))
     return answer
 
 

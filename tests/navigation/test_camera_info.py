@@ -14,6 +14,7 @@ from helpers import catalogs, navigable, posed, scan_files
 
 import lcp_catalog as lcp
 from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.view import footprint
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 
 RADIUS_M = 1737400.0
@@ -176,3 +177,39 @@ def test_the_picture_has_the_image_and_the_points() -> None:
     assert circles.count("nadir") == 1
     for blind in (above(-300e3), posed.camera(tilt=(math.pi, 0.0, 0.0))):
         ElementTree.fromstring(lcp.camera_info(blind).picture())
+
+
+def test_a_camera_between_the_ground_and_the_sphere(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The mare below `PLACE` lies at about -2 km: from 0.4 km above it the DEM covers all that is seen. A query and a
+    position fix say why no point is in view.
+    """
+    camera, ground = above(-1500.0), catalogs.catalog()
+    info = lcp.camera_info(camera, dem=catalogs.HADLEY, catalog=ground)
+    dem = lcp.dem_set(catalogs.HADLEY)
+    height_m = float(dem.heights(np.array([3.0]), np.array([26.0]), dem.dems[0].gsd_m)[0][0])
+    assert height_m < -1500.0
+    above_km = info.document["dem"]["height_above_ground_km"]
+    assert above_km == pytest.approx(1e-3 * (-1500.0 - height_m), abs=1e-3)
+    assert info.document["dem"]["covered_share"] == 1.0
+    below = "the camera is 1.50 km below the reference sphere (radius 1737.4 km), over longitude 3.00, latitude 26.00"
+    (problem,) = info.problems
+    assert below in problem
+    assert ground.query(camera, "1971-07-31T01:25:52").counts["in_view"] == 0
+    assert below in caplog.text
+    under = lcp.camera_info(above(height_m - 100.0), dem=catalogs.HADLEY).problems
+    assert under == ["the camera is below the DEM's ground: check position_mcmf_m"]
+    with pytest.raises(
+        lcp.LcpError, match=r"km below the reference sphere .* give `bounds`, or `center`"
+    ):
+        footprint(camera)
+    tiny = lcp.Image(
+        "tiny", np.ones((300, 400), np.float32), np.ones((300, 400), np.float32), camera,
+        sun_direction_mcmf=PLACE.direction_to_mcmf(direction_enu(90.0, 10.0)),
+    )  # fmt: skip
+    fix = ground.locate(tiny)
+    assert (fix.verdict, fix.reason[:39]) == (
+        "cannot say",
+        "the image is smaller than a pixel of th",
+    )
