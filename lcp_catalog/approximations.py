@@ -241,6 +241,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "search at half resolution first",
         "a probability up to 0.49 too high away from the limit (measured); `second_peak` up to 0.29 too low (97 points of Hadley, cells of 474 m)",
         ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
+        constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK"),
         fineness=lambda c: c.model.precision.whole_search,
     ),
     Approximation(
@@ -267,7 +268,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "elevation of terrain that is left out, stated by the scene plan; 0.02 deg rms of the horizon from coarser cells (measured)",
         ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
         effects=("terrain beyond the area",),
-        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE"), expected=0.005,
+        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE", "terrain.far_terrain.PLACES"), expected=0.005,
         fineness=lambda c: c.model.ring_max_km,
     ),
     Approximation(
