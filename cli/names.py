@@ -9,6 +9,9 @@ import click
 
 from lcp_catalog.errors import NAMED
 
+_SUN = "`time_utc`, or `sun_azimuth_deg` and `sun_elevation_deg`, or `subsolar_deg`"
+"""Options for the parameter ``sun``."""
+
 _UNIT = re.compile(r"_(deg|km|m|px|rad|utc|gb)$")
 
 
@@ -27,6 +30,7 @@ def in_options(text: str) -> str:
     """A message of the library with the options of the running command in place of the names in it. Of names
     that are no option of it, only the marks are removed.
     """
+    text = text.replace("`sun`", _SUN)
     return NAMED.sub(lambda found: _option(found[1]) or found[1], text)
 
 

@@ -89,6 +89,15 @@ def not_a(value: object, name: str, wanted: str) -> KindError:
     return KindError(f"`{name}` must be {wanted}, not {type(value).__name__}")
 
 
+def pair(value: Any, name: str, wanted: str) -> tuple[float, float]:
+    """Two numbers that a parameter holds; KindError for anything else."""
+    try:
+        first, second = value
+        return float(first), float(second)
+    except (TypeError, ValueError) as error:
+        raise not_a(value, name, wanted) from error
+
+
 class LabelError(LcpError, ValueError):
     """A product's label is missing or contradicts itself, or its content is not supported."""
 

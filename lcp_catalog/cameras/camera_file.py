@@ -20,7 +20,7 @@ from typing import NoReturn
 import numpy as np
 
 from ..arrays import Array
-from ..errors import CameraError
+from ..errors import CameraError, not_a
 from ..file_kinds import other_kind
 from .distortion import BrownConrady, Lens, NoLens, OpenCV, Photometrix, plane_of
 from .frame_camera import Camera, camera_from_json, fields_of_plane
@@ -212,6 +212,8 @@ def read_sensor(
 
 def unjudged_sensor(path: Path | str, shape: tuple[int, int] | None = None) -> AnySensor:
     """`read_sensor` without a judgement of what the camera sees."""
+    if not isinstance(path, Path | str):
+        raise not_a(path, "path", "the path of a camera file")
     path = Path(path)
     text = _text(path)
     if is_tsai(text):

@@ -364,7 +364,7 @@ def footprint(sensor: Sensor, samples: int = 129) -> Bounds:
 def below_sphere(sensor: Sensor) -> str:
     """That a sensor (its position in the image's middle) is below the reference sphere, by how much; empty if it is not."""
     depth_m = MOON_RADIUS_M - float(np.linalg.norm(optical_axis(sensor)[0]))
-    if depth_m < 0.0:
+    if not depth_m >= 0.0:  # NaN: a map beside the Moon
         return ""
     radius = f"(radius {MOON_RADIUS_M / 1e3:g} km)"
     return f"the camera is {depth_m / 1e3:.2f} km below the reference sphere {radius}"

@@ -262,9 +262,7 @@ class Catalog(CatalogParts):
         if isinstance(which, str):
             return self._labelled(which)
         if isinstance(which, int | np.integer):
-            if not -len(self) <= which < len(self):
-                raise IndexError(f"no point {which}: the catalogue has {len(self)}, from 0")
-            row = range(len(self))[which]
+            row = self.row(which)
             found = {name: self.part(name, np.array([row]))[0] for name in self.column_names}
             return {
                 name: value.item() if isinstance(value, np.generic) else value
@@ -273,6 +271,12 @@ class Catalog(CatalogParts):
         if isinstance(which, float):
             raise not_a(which, "which", "a row, a slice, rows, a mask, or the name of a variable")
         return self.take(np.arange(len(self))[which])
+
+    def row(self, which: int | np.integer) -> int:
+        """A row, from 0; a negative one counts from the end. IndexError for one that is not there."""
+        if not -len(self) <= which < len(self):
+            raise IndexError(f"no point {which}: the catalogue has {len(self)}, from 0")
+        return range(len(self))[which]
 
     @property
     def column_names(self) -> tuple[str, ...]:
@@ -412,7 +416,7 @@ class Catalog(CatalogParts):
         Raises
         ------
         CatalogError
-            For a view that the catalogue is without.
+            For a view that the catalogue is without, and an elevation beyond the catalogue's.
         """
         views = len(self.view_off_nadir)
         require(
@@ -422,6 +426,11 @@ class Catalog(CatalogParts):
         )
         e = a = slice(None)
         if sun_elevation is not None:
+            low, high = float(self.sun_elevation.min()), float(self.sun_elevation.max())
+            if not low <= sun_elevation <= high:
+                raise CatalogError(
+                    f"`sun_elevation` {sun_elevation:g} is outside the catalogue's {low:g} .. {high:g} deg"
+                )
             e = _one(np.abs(self.sun_elevation - sun_elevation))
         if sun_azimuth is not None:
             a = _one(np.abs((self.sun_azimuth - sun_azimuth + 180.0) % 360.0 - 180.0))

@@ -528,6 +528,8 @@ def inspect(catalog: Path | str) -> dict[str, Any]:
     >>> found["intact"], found["problems"]
     (True, [])
     """
+    if not isinstance(catalog, Path | str):
+        raise not_a(catalog, "catalog", "the path of a catalogue's file")
     return describe(catalog)
 
 

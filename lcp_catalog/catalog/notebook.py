@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import AnyArray
 from ..cameras.view import ParallelView
-from ..errors import CatalogError, package, unknown_keys
+from ..errors import CatalogError, package, pair, unknown_keys
 from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import direction_enu
 from ..plots.pictures import data_uri, new_axis, shrunk
@@ -77,7 +77,7 @@ def plot(
     """See `Catalog.plot`."""
     ax = ax or new_axis()
     if not isinstance(what, str):
-        return _patch(catalog, range(len(catalog))[what], ax, sun, view)
+        return _patch(catalog, catalog.row(what), ax, sun, view)
     if what == "claims":
         return _claims(catalog, ax, view)
     if unknown := unknown_keys([what], ("usable_share", "claims", *catalog.column_names)):
@@ -109,7 +109,8 @@ def _claims(catalog: Catalog, ax: Any, view: int) -> Any:
 
 def _patch(catalog: Catalog, row: int, ax: Any, sun: tuple[float, float] | None, view: int) -> Any:
     """A point's patch, rendered from its own heights alone."""
-    azimuth, elevation = sun or (90.0, 20.0)
+    wanted = "azimuth and elevation of the Sun, degrees"
+    azimuth, elevation = (90.0, 20.0) if sun is None else pair(sun, "sun", wanted)
     off, around = (float(getattr(catalog, f"view_{n}")[view]) for n in ("off_nadir", "azimuth"))
     seen = ParallelView(direction_enu(around, 90.0 - off))
     shot = render_enu(patch_terrain(catalog, row), direction_enu(azimuth, elevation), seen)

@@ -14,7 +14,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..choices import EXPORT_FOLDERS, EXPORTS, FLIGHT
 from ..constants import FRAME
-from ..errors import ConfigError
+from ..errors import ConfigError, not_a
 from ..geometry.bounds import Bounds
 from .frames import frame_named
 from .points import ExportedPoints
@@ -103,6 +103,8 @@ def export(
     >>> count == len(lcp.open_catalog(catalog))
     True
     """
+    if not isinstance(output, Path | str):
+        raise not_a(output, "output", "the path of the file to write")
     ending, sun_deg = Path(output).suffix, _sun(sun_azimuth_deg, sun_elevation_deg)
     if ending not in EXPORTS:
         raise ConfigError(f"{output}: the ending must be one of {' '.join(EXPORTS)}")

@@ -561,10 +561,7 @@ def _sun(
         if direction is not None
     ]
     if not suns:
-        raise ImageError(
-            f"{path}: the Sun is unknown: give `time_utc`, `subsolar_deg`, or "
-            "`sun_azimuth_deg` and `sun_elevation_deg`"
-        )
+        raise ImageError(f"{path}: the Sun is unknown: give `sun`, or a camera whose file has one")
     _warn(path, suns)
     if stated is not None:
         return None, stated

@@ -103,9 +103,7 @@ class SunChoice:
             if camera is None
             else f"{camera.name}: has neither sun_position_mcmf_m nor time_utc: "
         )
-        raise SunError(
-            f"{of_file}no Sun: give `time_utc`, or `sun_azimuth_deg` and `sun_elevation_deg`, or `subsolar_deg`"
-        )
+        raise SunError(f"{of_file}no Sun: give `sun`, or a camera whose file has one")
 
     def warn_of(self, frame: EnuFrame, camera: Sensor | None) -> None:
         """Log a warning for a stated Sun that is not that of a camera's file, seen from a frame's origin."""

@@ -22,7 +22,7 @@ from ..catalog.stored import narrowed
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.solar_position import apparent_sun, sun_table
 from ..ephemeris.times import Instants, Times, instants
-from ..errors import CatalogError
+from ..errors import CatalogError, pair
 from ..geometry.frames import EnuFrame, direction_enu
 from ..matching.point_choice import seen_from
 from .expected_position import LEAST_POINTS, Query, answers
@@ -269,7 +269,7 @@ def windows(
     >>> found.usable.shape, found.points > 0
     ((31,), True)
     """
-    lon_deg, lat_deg = center
+    lon_deg, lat_deg = pair(center, "center", "longitude and latitude, degrees")
     place, when = EnuFrame(lon_deg, lat_deg), instants(times)
     opened = opened_catalog(catalog, check=False)
     if camera is not None:

@@ -22,7 +22,7 @@ from helpers import catalogs, navigable, posed, verdicts
 import lcp_catalog as lcp
 from lcp_catalog import errors
 from lcp_catalog.catalog.writing import write_catalog
-from lcp_catalog.errors import CatalogError, ConfigError, KindError, MissingPackageError
+from lcp_catalog.errors import CatalogError, ConfigError, KindError, MissingPackageError, SunError
 from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, Fix
 
 
@@ -86,6 +86,15 @@ WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] =
     "a misspelt variable": (lambda c: c["detecton_probability"], CatalogError, "no key detecton_probability (detection_probability is meant?)"),
     "a point that is not there": (lambda c: c[1000], IndexError, "no point 1000: the catalogue has 20, from 0"),
     "a fraction of a point": (lambda c: c[1.5], KindError, "`which` must be a row, a slice, rows, a mask, or the name of a variable, not float"),
+    "a number as Sun": (lambda c: c.plot(0, sun=90), KindError, "`sun` must be azimuth and elevation of the Sun, degrees, not int"),
+    "a patch that is not there": (lambda c: c.plot(9999), IndexError, "no point 9999: the catalogue has 20, from 0"),
+    "a number as place": (lambda c: c.windows(3.5, "2026-01-01", "2026-01-02"), KindError, "`center` must be longitude and latitude, degrees, not float"),
+    "nothing as camera": (lambda c: lcp.read_camera(None), KindError, "`path` must be the path of a camera file, not NoneType"),
+    "a number as output": (lambda c: c.export(5), KindError, "`output` must be the path of the file to write, not int"),
+    "a catalogue to inspect": (lcp.inspect, KindError, "`catalog` must be the path of a catalogue's file, not Catalog"),
+    "a Sun too high": (lambda c: c.sel(sun_elevation=200), CatalogError, "`sun_elevation` 200 is outside the catalogue's "),
+    "a Sun below": (lambda c: c.sel(sun_elevation=-40), CatalogError, "`sun_elevation` -40 is outside the catalogue's "),
+    "no Sun": (lambda c: c.query(replace(posed.camera(), sun_position_mcmf_m=None, time_utc=None)), SunError, "no Sun: give `sun`, or a camera whose file has one"),
     "a number to merge": (lambda c: lcp.merge([c, 5], "none.h5"), KindError, "`catalogs` must be catalogues, or the paths of their files, not int"),
 }  # fmt: skip
 

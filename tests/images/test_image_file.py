@@ -220,7 +220,7 @@ def test_no_geometry_and_no_sun(tmp_path: Path) -> None:
     refused("missing geometry: the image is not map-projected; give its `camera`", path, None, NOON)
     refused("the Sun is unknown", path, files.camera_over(SHAPE, sun=False))
     on_map = files.write_image(tmp_path / "b.tif", scene(), **MAP)
-    refused("the Sun is unknown: give `time_utc`, `subsolar_deg`, or", on_map)
+    refused("the Sun is unknown: give `sun`, or a camera", on_map)
 
 
 def test_an_image_of_the_earth(tmp_path: Path) -> None:
