@@ -16,21 +16,13 @@ from typing import Any
 
 import click
 
-from lcp_catalog.choices import INDEX, MOON_MAP, NO_MAP
+from lcp_catalog.choices import INDEX, MOON_MAP, NO_MAP, same_format
 from lcp_catalog.errors import ConfigError, InputError
 
 from .help_text import write_example, write_options
 from .names import runs
 
 log = logging.getLogger(__name__)
-
-FORMATS = (
-    *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".hdf"}, {".json"}),
-    *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
-    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}, {".lcpx"}),
-    *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}),
-)
-"""Endings of files, those of one format together. Any other ending says nothing about the format."""
 
 DEPFILE_HELP = "Also write the list of input files as a rule for make."
 
@@ -84,7 +76,7 @@ def _refuse_endings(ctx: click.Context) -> None:
             continue
         meant = re.findall(r"\.\w+", option.metavar or "")
         ending = Path(name).suffix.lower()
-        known: set[str] = next((one for one in FORMATS if ending in one), set())
+        known = same_format(ending)
         if known and option.metavar == "DIR" and not Path(name).is_dir():
             raise click.UsageError(
                 f"{option.opts[0]} {name}: the output is a folder; name it without {ending}"

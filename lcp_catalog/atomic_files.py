@@ -18,7 +18,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
-from .errors import OutputError, OutputExistsError, printable, unread
+from .choices import same_format
+from .errors import ConfigError, OutputError, OutputExistsError, printable, unread
 from .remote_files import archive_of, server_state, url_of
 
 try:
@@ -50,6 +51,15 @@ def check_output(
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write into {target.parent}")
     return target
+
+
+def check_ending(path: Path | str, wanted: str) -> None:
+    """ConfigError for an output whose ending is that of another format than the ``wanted`` one's; an ending of no
+    known format is none.
+    """
+    known = same_format(Path(path).suffix.lower())
+    if known and wanted not in known:
+        raise ConfigError(f"{path}: the output must end in {wanted}")
 
 
 def same_file(first: Path | str, second: Path | str) -> bool:

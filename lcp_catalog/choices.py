@@ -92,3 +92,16 @@ FRAMES = ("MOON_ME", "MOON_PA")
 
 SCHEMA = "$schema"
 """Key of a file that tells an editor where the file's JSON schema is; not read."""
+
+FORMATS = (
+    *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".hdf"}, {".json"}),
+    *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
+    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}, {".lcpx"}),
+    *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}),
+)
+"""Endings of files, those of one format together. Any other ending says nothing about the format."""
+
+
+def same_format(ending: str) -> set[str]:
+    """Endings of the format of an ending in lower case, with its dot; empty for one that is in no format's list."""
+    return next((one for one in FORMATS if ending in one), set())

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..arrays import AnyArray, Array, Index
-from ..atomic_files import csv_lines, write_aside
+from ..atomic_files import check_ending, csv_lines, write_aside
 from ..errors import not_a, package
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
@@ -585,6 +585,8 @@ def report(catalog: CatalogOrPath, output: Path | str, *, overwrite: bool = Fals
     ------
     CatalogError
         For a file that is no catalogue or is damaged.
+    ConfigError
+        For an output with the ending of another format.
     OutputExistsError, OutputError
         For the page.
 
@@ -594,4 +596,5 @@ def report(catalog: CatalogOrPath, output: Path | str, *, overwrite: bool = Fals
     >>> (folder / "small.html").read_text()[:15]
     '<!DOCTYPE html>'
     """
+    check_ending(output, ".html")
     write_report(catalog, output, overwrite)

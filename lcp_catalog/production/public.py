@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..atomic_files import check_ending
 from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.comparison import CatalogOrPath
 from ..dem.mosaic import DemSet
@@ -137,6 +138,7 @@ def build_catalog(
     >>> report.points > 0, report.failed
     (True, {})
     """
+    check_ending(output, ".h5")
     build = planned_build(
         dem,
         config,

@@ -21,7 +21,7 @@ from ..choices import PNG, TIFF
 from ..constants import FRAME
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_set
-from ..errors import ConfigError, OutputError
+from ..errors import ConfigError, OutputError, not_a
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, open_grey_map
@@ -163,6 +163,8 @@ def simulate(
     if seed is not None and detector is not None:
         raise ConfigError("`seed` and `detector` exclude each other: a Detector has its own seed")
     if seed is not None:
+        if not hasattr(seed, "__index__"):
+            raise not_a(seed, "seed", "a whole number")
         detector = Detector(noise=ErrorConfig().sensor_noise, seed=seed)
     detector = detector or Detector()
     seen = rendered_sensor(camera)

@@ -95,6 +95,9 @@ WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] =
     "a Sun too high": (lambda c: c.sel(sun_elevation=200), CatalogError, "`sun_elevation` 200 is outside the catalogue's "),
     "a Sun below": (lambda c: c.sel(sun_elevation=-40), CatalogError, "`sun_elevation` -40 is outside the catalogue's "),
     "no Sun": (lambda c: c.query(replace(posed.camera(), sun_position_mcmf_m=None, time_utc=None)), SunError, "no Sun: give `sun`, or a camera whose file has one"),
+    "a page of text": (lambda c: c.report("r.txt"), ConfigError, "r.txt: the output must end in .html"),
+    "a catalogue of HDF4": (lambda c: lcp.build_catalog(catalogs.HADLEY, "c.hdf"), ConfigError, "c.hdf: the output must end in .h5"),
+    "a text as seed": (lambda c: lcp.simulate(catalogs.HADLEY, posed.camera(), seed="a"), KindError, "`seed` must be a whole number, not str"),
     "a number to merge": (lambda c: lcp.merge([c, 5], "none.h5"), KindError, "`catalogs` must be catalogues, or the paths of their files, not int"),
 }  # fmt: skip
 
