@@ -93,9 +93,9 @@ USES: dict[str, Callable[[Path, Path], Any]] = {
 }
 
 
-OF_PARTS = ("values", "query", "windows")
+OF_PARTS = ("values", "query", "windows", "export")
 """Uses that check of a large file no more than they need (``values`` needs all but the axes that number points and
-cells); the others refuse whatever `inspect` rejects.
+cells, ``export`` to a CSV file what it writes); the others refuse whatever `inspect` rejects.
 """
 
 
