@@ -113,11 +113,15 @@ def run_by_name(given: Sequence[Any]) -> NoReturn:
 
 
 def _single_thread() -> bool:
-    """True if this process certainly has one thread, so that a fork of it holds no locks."""
-    try:
-        return len(os.listdir("/proc/self/task")) == 1
-    except OSError:
-        return False
+    """True if this process certainly has one thread, so that a fork of it holds no locks. One that was joined (`resting`) may
+    be listed for a moment.
+    """
+    with suppress(OSError):
+        for wait_s in (0.0, 0.001, 0.01):
+            time.sleep(wait_s)
+            if len(os.listdir("/proc/self/task")) == 1:
+                return True
+    return False
 
 
 def _forked(given: tuple[Any, ...], reader: int, writer: int) -> int:

@@ -39,9 +39,6 @@ from lcp_catalog import atomic_files, child_process
 from lcp_catalog.catalog import file_structure, stored, verification
 from tests.helpers.small_commands import Words
 
-patch("lcp_cli.progress.alive", lambda name: nullcontext()).start()
-# calls are counted: none of them by a thread that says how long a command works
-
 KINDS = {
     # kind of call: (error, how it fails), of which each is tried
     "open": (("EIO", "once"), ("EMFILE", "once")),
@@ -142,6 +139,8 @@ class Attempts:
     """Runs of commands in forks of this process, each in a folder of its own below ``folder``."""
 
     def __init__(self, folder: Path) -> None:
+        # calls are counted: none of them by a thread that says how long a command works
+        patch("lcp_cli.progress.alive", lambda name: nullcontext()).start()
         self.folder = folder
         folder.mkdir()
         self.count = 0
