@@ -84,8 +84,8 @@ def server_state(url: str) -> tuple[int, str]:
             "download it"
         )
     import urllib.error  # noqa: PLC0415  # 20 ms: only where a server is asked
-    import urllib.request  # noqa: PLC0415  # likewise
-    from http.client import HTTPException  # noqa: PLC0415  # likewise
+    import urllib.request  # noqa: PLC0415  # 20 ms: only where a server is asked
+    from http.client import HTTPException  # noqa: PLC0415  # 20 ms: only where a server is asked
 
     request = urllib.request.Request(url, method="HEAD", headers={"Accept-Encoding": "identity"})
     try:

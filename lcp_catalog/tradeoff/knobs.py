@@ -1,5 +1,5 @@
 """What every approximation costs and changes on a user's own build: one alternative at a time around the
-configuration, on the same ground; and the configuration to take for a budget of time or of error.
+configuration, on the same ground.
 
 The alternatives of the registry (`approximations`) are computed in the order of their expected effect, until a
 limit of time. Where an alternative has other areas, all of those that reach into the sample are computed, and count with
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import statistics
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,11 +51,7 @@ from .point_changes import joined, sigma_m
 NEAR_CELLS = 2.0
 """Cells within which two candidates are the same place: those of a point's own peak."""
 
-SAVING = 0.03
-"""Least share of the time that an alternative must save to be taken: less is noise."""
-
 _LOWEST_SUNS = 2
-_LEAST_MATCHED = 0.5
 
 Row = dict[str, Any]
 
@@ -540,103 +535,3 @@ class Written:
         mine, theirs = self.kept_share, usual.kept_share
         change = None if mine is None or theirs is None else mine - theirs
         return {"promise_change": change, "bytes": self.bytes}
-
-
-# -- the configuration to take
-
-
-def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
-    """Set the times of rows as shares of the configuration's: its processor time is the median of runs between those of the
-    others, each of as many areas; their range gives the interval.
-    """
-    usual_s, least_s, most_s = (f(baseline_s) for f in (statistics.median, min, max))
-    for row in rows:
-        if row["default"]:
-            build_s = (row["build_seconds"] - FINISH_S) * usual_s / row["seconds"] + FINISH_S
-            row |= {"seconds": usual_s, "build_seconds": build_s}
-        row["seconds_relative"] = row["seconds"] / usual_s
-        row["seconds_interval"] = [row["seconds"] / most_s, row["seconds"] / least_s]
-
-
-def proposal(
-    rows: Sequence[tuple[Setting, Row]], usual: Row, budget_s: float | None, error: float | None
-) -> list[Setting]:
-    """The settings to take together, at most one of an approximation: those that save most time for their error until the
-    build takes ``budget_s`` of processor time, or as long as their errors are within ``error``; where it takes less, finer
-    ones as long as it does, those first that change most for their time. Times multiply and errors add. A difference
-    below that of runs of the configuration itself is none.
-    """
-    noise = max(SAVING, usual["seconds_interval"][1] - usual["seconds_interval"][0])
-    some = [
-        (setting, row["seconds_relative"], row["conditions_changed_share"])
-        for setting, row in rows
-        if setting.turned
-        and row["conditions_changed_share"] is not None
-        and row["matched_share"] >= _LEAST_MATCHED
-    ]
-    factor = budget_s / usual["build_seconds"] if budget_s else 0.0
-    if factor >= 1.0:
-        return _finer_ones(some, factor, noise)
-    taken: dict[str, Setting] = {}
-    time_, wrong = 1.0, 0.0
-    some = [(s, t, e) for s, t, e in some if t < 1.0 - noise]
-    some.sort(key=lambda one: (one[2] + 1e-9) / abs(math.log(one[1])))
-    for setting, relative, share in some:
-        if setting.knob in taken:
-            continue
-        if error is not None and wrong + share > error:
-            continue
-        if budget_s and time_ <= factor:
-            break
-        taken[setting.knob] = setting
-        time_, wrong = time_ * relative, wrong + share
-    return list(taken.values())
-
-
-def _finer_ones(
-    some: list[tuple[Setting, float, float]], factor: float, noise: float
-) -> list[Setting]:
-    """The finer settings within ``factor`` times the time, the last taken worth least."""
-    taken: dict[str, Setting] = {}
-    time_ = 1.0
-    some = [(s, max(1.0, t), e) for s, t, e in some if s.finer and e > 0.0]
-    some.sort(key=lambda one: -one[2] / (max(0.0, one[1] - 1.0) + noise))
-    for setting, relative, _ in some:
-        if setting.knob not in taken and time_ * relative <= factor:
-            taken[setting.knob] = setting
-            time_ *= relative
-    return list(taken.values())
-
-
-def together_row(usual: Row, rows: Sequence[Row]) -> Row:
-    """What rows say together without a measurement: times multiply and errors add; no areas."""
-    time_ = math.prod(row["seconds_relative"] for row in rows)
-    wrong = sum(row["conditions_changed_share"] for row in rows)
-    told = {"knob": "together", "value": "; ".join(f"{r['knob']}: {r['value']}" for r in rows)}
-    build_s = (usual["build_seconds"] - FINISH_S) * time_ + FINISH_S
-    times_ = {
-        "seconds": usual["seconds"] * time_,
-        "seconds_relative": time_,
-        "build_seconds": build_s,
-    }
-    return usual | told | times_ | {
-        "default": False, "conditions_changed_share": wrong, "interval": None, "areas": 0,
-    }  # fmt: skip
-
-
-def together(chosen: Sequence[Setting]) -> Setting:
-    """Several settings as one."""
-    values: dict[str, Any] = {}
-    for one in chosen:
-        values |= one.values
-    return Setting("together", "; ".join(f"{one.knob}: {one.value}" for one in chosen), values)
-
-
-def require_one(budget_s: float | None, error: float | None) -> None:
-    """ConfigError for a budget of both time and error, or for one that is not positive."""
-    if budget_s is not None and error is not None:
-        raise ConfigError("give a budget of time or a greatest error, not both")
-    if (budget_s is not None and not budget_s > 0.0) or (
-        error is not None and not 0.0 <= error <= 1.0
-    ):
-        raise ConfigError("a budget must be positive, an error a share from 0 to 1")

@@ -45,15 +45,11 @@ from .knobs import (
     Sample,
     Setting,
     Written,
-    proposal,
-    relative,
-    require_one,
     row_of,
     settings,
-    together,
-    together_row,
 )
 from .point_changes import compare_points, joined
+from .proposal import proposal, relative, require_one, together, together_row
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,6 @@ from .knob_table import (
     knobs_markdown,
     knobs_said,
 )
-from .knobs import require_one
 from .measurement import (
     AREAS,
     LIMIT_S,
@@ -51,6 +50,7 @@ from .measurement import (
     measure_trade,
 )
 from .point_changes import DETECTION_CHANGE
+from .proposal import require_one
 
 SAVING = 0.1
 """Least share of time by which a tier counts as faster. Of tiers that differ by less, the most

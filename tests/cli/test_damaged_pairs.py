@@ -287,6 +287,9 @@ def test_a_damaged_dem_is_refused(
 
 # -- kernels, messages and cameras
 
+SOME_OR_ALL = pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.slow)])
+"""Every fourth kind of damage, or all."""
+
 CAMERA_DAMAGE: dict[str, Damage] = {
     "cut": cut,
     "the last byte": lambda path: path.write_bytes(path.read_bytes()[:-1]) and None,
@@ -295,7 +298,7 @@ CAMERA_DAMAGE: dict[str, Damage] = {
 }
 
 
-@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.slow)])
+@SOME_OR_ALL
 @pytest.mark.parametrize("name", [name for name in COMMANDS if re.match("camera (from|ex)", name)])
 def test_a_damaged_kernel_message_or_camera_is_refused(
     name: str,
@@ -368,7 +371,7 @@ SHARD_DAMAGE: dict[str, Damage] = {
 }
 
 
-@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.slow)])
+@SOME_OR_ALL
 @pytest.mark.parametrize("name", INDEXED)
 def test_a_damaged_index_or_shard_is_refused(
     name: str,

@@ -10,8 +10,8 @@ from typing import Any
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
-from osgeo import ogr  # type: ignore[import-not-found]
-from qgis.core import Qgis, QgsApplication, QgsRasterLayer, QgsVectorLayer  # type: ignore[import-not-found]
+from osgeo import ogr
+from qgis.core import Qgis, QgsApplication, QgsRasterLayer, QgsVectorLayer
 
 _TABLE = "?delimiter=,&xField=longitude_deg&yField=latitude_deg"
 

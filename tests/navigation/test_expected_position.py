@@ -22,14 +22,9 @@ from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation.documents import result_line
-from lcp_catalog.navigation.expected_position import (
-    Answer,
-    Information,
-    Query,
-    answers,
-    best_points,
-)
+from lcp_catalog.navigation.expected_position import Answer, Query, answers
 from lcp_catalog.navigation.frame_points import CAUSES, PlannedImage
+from lcp_catalog.navigation.information import Information, best_points
 
 SUN, ALL = SunChoice(100.0, 17.0), Query()
 BENT = (-0.08, 0.02, 0.001, -0.0008, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.matching.common_errors import SharedTerrain
-from lcp_catalog.navigation.expected_position import Information
+from lcp_catalog.navigation.information import Information
 
 COUNT = 12
 

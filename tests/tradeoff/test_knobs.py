@@ -25,8 +25,9 @@ from lcp_catalog.production.public import build_catalog
 from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
 from lcp_catalog.tradeoff.image_errors import ModelChanges
-from lcp_catalog.tradeoff.knobs import Setting, proposal, window_shifts
+from lcp_catalog.tradeoff.knobs import Setting, window_shifts
 from lcp_catalog.tradeoff.measurement import Budget, Trade, measure_all
+from lcp_catalog.tradeoff.proposal import proposal, relative, require_one
 
 EMPTY = Trade([], {}, None, ModelChanges())
 
@@ -295,7 +296,7 @@ def test_times_are_over_the_median_of_runs_between(
         {"default": True, "seconds": 9.0, "build_seconds": 90.0 + FINISH_S},
         {"default": False, "seconds": 11.0},
     ]
-    knobs.relative(rows, [9.0, 10.0, 12.5])
+    relative(rows, [9.0, 10.0, 12.5])
     assert rows[0]["seconds_relative"] == 1.0
     assert rows[0]["build_seconds"] == pytest.approx(100.0 + FINISH_S)
     assert rows[0]["seconds_interval"] == [0.8, pytest.approx(10.0 / 9.0)]
@@ -347,7 +348,7 @@ def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
 @pytest.mark.parametrize("given", [(1.0, 0.1), (0.0, None), (None, 2.0)])
 def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None]) -> None:
     with pytest.raises(ConfigError):
-        knobs.require_one(*given)
+        require_one(*given)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.02, 0.1])
