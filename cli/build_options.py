@@ -23,7 +23,7 @@ from .groups import Decorator, collected, option_group
 from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number, ParamType
 
 if TYPE_CHECKING:
-    from lcp_catalog.production.config import ModelConfig
+    from lcp_catalog.production.model_config import ModelConfig
 
 NUMBERS_MAX = 3600
 """Most numbers of a list START:STOP:STEP: a tenth of a degree around the horizon."""
@@ -258,7 +258,7 @@ def model_config(
 ) -> ModelConfig:
     """The model of a single image. ConfigError for values that contradict each other."""
     from lcp_catalog.choices import AUTO_LAW
-    from lcp_catalog.production.config import ModelConfig
+    from lcp_catalog.production.model_config import ModelConfig
 
     return ModelConfig(
         reflectance or AUTO_LAW,

@@ -15,7 +15,7 @@ from .value_types import AZIMUTH, PLACE, Instant, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.production.config import ModelConfig
+    from lcp_catalog.production.model_config import ModelConfig
 
 Map = TypeVar("Map")
 

@@ -19,7 +19,8 @@ from .value_types import AZIMUTH, POSITIVE, Finite, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.production.config import AreaConfig, ModelConfig
+    from lcp_catalog.production.config import AreaConfig
+    from lcp_catalog.production.model_config import ModelConfig
     from lcp_catalog.rendering.request import AreaInView, Request, SphereArea
     from lcp_catalog.terrain.area import Area
 

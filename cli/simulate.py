@@ -21,7 +21,7 @@ from .warm_up import compile_missing
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.production.config import ModelConfig
+    from lcp_catalog.production.model_config import ModelConfig
     from lcp_catalog.simulation.detector import Detector
 
 BITS = ("8", "10", "12", "14", "16")

@@ -23,7 +23,7 @@ from .warm_up import compile_missing
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
-    from lcp_catalog.production.config import ModelConfig
+    from lcp_catalog.production.model_config import ModelConfig
 
 
 def _written(folder: str) -> Iterator[Path]:

@@ -21,7 +21,7 @@ from ..errors import AreaError
 from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..terrain.area import Area, NodeWindow
-from .config import ModelConfig
+from .model_config import ModelConfig
 
 AREAS_MAX = 500_000
 """Most areas of a build: twice the whole Moon in cells of 24 m. A planned area takes 1.5 kB."""

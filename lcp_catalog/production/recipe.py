@@ -23,7 +23,8 @@ from ..photometry.facet_model import law_file
 from ..photometry.law_choice import LawChoice
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
-from .config import BuildConfig, ModelConfig
+from .config import BuildConfig
+from .model_config import ModelConfig
 from .sweep import law_of_build
 
 

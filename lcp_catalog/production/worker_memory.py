@@ -24,8 +24,9 @@ from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import most_nodes
 from .area_job import conditions_at
 from .areas import AreaGrid, AreaTask, plan_areas
-from .config import AREA_NODES_MIN, BuildConfig
+from .config import BuildConfig
 from .evaluation import _BATCH_NODES
+from .model_config import AREA_NODES_MIN
 from .sweep import lowest_off_nadir_deg
 
 log = logging.getLogger(__name__)

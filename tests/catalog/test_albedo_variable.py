@@ -31,13 +31,8 @@ from lcp_catalog.geometry.frames import mcmf_to_lonlat
 from lcp_catalog.production import run
 from lcp_catalog.production.area_job import area_sweep, run_area
 from lcp_catalog.production.checkpoints import Checkpoints, fingerprint
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
 

@@ -14,7 +14,8 @@ from lcp_cli.names import in_options, runs
 
 from lcp_catalog.errors import NAMED, ConfigError
 from lcp_catalog.fields import meanings
-from lcp_catalog.production.config import AreaConfig, BuildConfig, ModelConfig, SunConfig
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
 
 OF_FIELDS = [one for one in command.params if isinstance(one, FieldOption)]

@@ -206,7 +206,8 @@ def test_a_build_knows_when_its_model_changed(csv):
     """The file's bytes, not its place, decide whether a build that was broken off goes on."""
     from dataclasses import replace
 
-    from lcp_catalog.production.config import AreaConfig, BuildConfig, ModelConfig
+    from lcp_catalog.production.config import AreaConfig, BuildConfig
+    from lcp_catalog.production.model_config import ModelConfig
     from lcp_catalog.production.run import Build
 
     def plan(where):

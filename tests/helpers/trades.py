@@ -11,14 +11,9 @@ import pytest
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.catalog.schema import USABLE
 from lcp_catalog.production import sweep
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import Evaluation
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.occlusion import occluded_sweep

@@ -17,7 +17,8 @@ from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.photometry.law_choice import choose, cost, named
 from lcp_catalog.photometry.laws import reflectance_model
-from lcp_catalog.production.config import BuildConfig, ModelConfig, SunConfig, ViewConfig
+from lcp_catalog.production.config import BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.sweep import Conditions, law_of_build
 from lcp_catalog.rendering import decisions
 

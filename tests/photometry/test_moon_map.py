@@ -13,7 +13,8 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import AlbedoError, ConfigError
 from lcp_catalog.photometry import albedo_map, moon_map
 from lcp_catalog.photometry.albedo_map import AlbedoMap, mean_value, open_map
-from lcp_catalog.production.config import BuildConfig, ModelConfig
+from lcp_catalog.production.config import BuildConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.area import Area
 

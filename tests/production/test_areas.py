@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.production.areas import AreaGrid, plan_areas
-from lcp_catalog.production.config import ModelConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.terrain.area import Area
 
 GRID = AreaGrid.for_cell(118.0, ModelConfig())

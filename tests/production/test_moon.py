@@ -21,14 +21,9 @@ from lcp_catalog.catalog.summary import describe
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.landmarks.selection import Places, Status, nearest
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.estimate import estimate
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.run import Build, BuildRun
 
 NADIR = ViewConfig((0.0,), (0.0,), (float("inf"),))

@@ -15,14 +15,9 @@ from helpers.twins import node_margins, node_margins_to
 
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.photometry.laws import radiance_factor, reflectance_model
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import Evaluation, evaluate
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.patch_light import PatchLight
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.sweep import (

@@ -17,13 +17,8 @@ from lcp_catalog.production import run
 from lcp_catalog.production.area_job import AreaJob, AreaResult, run_area
 from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.code_facts import code_facts
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildPart, BuildRun
 

@@ -33,15 +33,10 @@ from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_e
 from lcp_catalog.landmarks.error_model import ErrorModel
 from lcp_catalog.production import area_job
 from lcp_catalog.production.area_job import AreaJob, area_sweep, run_area
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.error_config import ErrorConfig
 from lcp_catalog.production.estimate import _seconds, estimate
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.rendering.plan import ScenePlan

@@ -19,13 +19,8 @@ from lcp_catalog.light.bounced_light import bounced_bound
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production import sweep as module
 from lcp_catalog.production.area_job import area_sweep
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.production.sweep import Conditions, Sweep, law_of_build, plan_area

@@ -11,14 +11,9 @@ from helpers.area_peak import area_peak, build_peak_mb, stated_mb
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.errors import ConfigError
-from lcp_catalog.production.config import (
-    AreaConfig,
-    BuildConfig,
-    ModelConfig,
-    SunConfig,
-    ViewConfig,
-)
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.executor import processes, run_tasks
+from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.production.worker_memory import MARGIN_MB, area_mb, divided, worker_mb
 from lcp_catalog.terrain.area import Area
