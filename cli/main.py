@@ -66,7 +66,8 @@ class LazyGroup(click.Group):
         if args[0] not in COMMANDS and not ctx.resilient_parsing:
             from difflib import get_close_matches
 
-            for alike in get_close_matches(args[0][:80], COMMANDS, 1):
+            begun = [name for name in COMMANDS if name.startswith(f"{args[0]}-")]
+            for alike in get_close_matches(args[0][:80], COMMANDS, 1) or begun:
                 raise click.UsageError(f"No such command {args[0]!r}. Did you mean {alike!r}?", ctx)
         return super().resolve_command(ctx, args)
 

@@ -49,8 +49,13 @@ svg{background:#fff;font:13px system-ui,sans-serif;fill:#5d6068}.grid{stroke:#e3
 .middle{text-anchor:middle}.end{text-anchor:end}
 .image{fill:#1f5fbf;fill-opacity:.12;stroke:#1f5fbf;stroke-width:1.6}
 .limb{fill:none;stroke:#c05a00;stroke-dasharray:6 4}.in{fill:#2a7f3e}.out{fill:#b9bcc4}
-.nadir{fill:#c62320}.top{stroke:#1f5fbf;stroke-width:4}
+.nadir{fill:#c62320}.top{stroke:#1f5fbf;stroke-width:4}.legend{font-size:10.5px}
 """
+
+_LEGEND = (
+    '<text class="legend" x="-50" y="-8">'
+    "thick: the image's upper edge; red: below the camera; green: in view; dashed: limb</text>"
+)
 
 
 def blind_to_points(catalog: Catalog, sensor: Sensor) -> str:
@@ -169,7 +174,7 @@ class CameraInfo:
         clip = (
             '<clipPath id="c"><path d="M0 0H{0}V{0}H0z"/></clipPath><g clip-path="url(#c)">{1}</g>'
         )
-        inside = Markup(clip).format(_WIDTH, Markup().join(drawn))
+        inside = Markup(clip + _LEGEND).format(_WIDTH, Markup().join(drawn))
         return str(axes.draw(inside, f"what {Path(self.sensor.name).name} sees", _STYLE)) + "\n"
 
 

@@ -94,6 +94,7 @@ WRONG = [
     ("merge hadley.h5 -o m.h5", 2, r"name at least two catalogues"),
     ("diff hadley.h5", 2, r"Missing argument 'B.h5'"),
     ("sample full", 1, r"full/PROVENANCE.txt.*exists.*--overwrite"),
+    ("build DEM.tif -o a.h5", 2, r"No such command 'build'\. Did you mean 'build-catalog'\?"),
     ("buildcatalog DEM.tif -o a.h5", 2, r"No such command 'buildcatalog'\. Did you mean 'build-catalog'\?"),
 ]  # fmt: skip
 """The list of the project (58 of its 60 commands; the other two, `RIGHT`, are right uses), and a few of its kind."""
