@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import math
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any, TypeVar
@@ -26,6 +28,8 @@ class _State:
     as_json = False
     replaced = False
     """The last line on the terminal is one that is to be replaced."""
+    progress_at = math.inf
+    """When the last line of progress was written (`time.monotonic`), if there was one."""
 
 
 def echo(text: str, err: bool = False, nl: bool = True) -> None:
@@ -52,10 +56,17 @@ def say(text: str, event: str = "message", **facts: Any) -> None:
     library's parameters become options.
     """
     text = in_options(text)
+    if event == "progress":
+        _State.progress_at = time.monotonic()
     if _State.as_json:
-        time = datetime.now(UTC).isoformat(timespec="milliseconds")
-        text = json.dumps({"time_utc": time, "event": event, "text": text, **facts})
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        text = json.dumps({"time_utc": now, "event": event, "text": text, **facts})
     echo(text, err=True)
+
+
+def silent_s() -> float:
+    """Seconds since the run's last line of progress; below 0 if there was none."""
+    return time.monotonic() - _State.progress_at
 
 
 def is_json() -> bool:
@@ -103,7 +114,7 @@ def show_log(level: int) -> None:
 
 def reset() -> None:
     """Begin a run: messages are text, and of the log only warnings."""
-    _State.as_json = False
+    _State.as_json, _State.progress_at = False, math.inf
     runs(None)
     logging.captureWarnings(False)
     logging.lastResort = _LastResort(logging.WARNING)

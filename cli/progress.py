@@ -205,9 +205,9 @@ class _Lines:
         """So much time has passed since the last line that there is another one."""
         now = time.monotonic()
         passed = now - self._began
-        return now - max(self._said_at, self._began) >= (
-            max(least_s, min(_SLOWER * passed, _SLOWEST_S)) if self._said_at > 0.0 else _FIRST_S
-        )
+        if self._said_at <= 0.0:  # the task before may have ended without a line
+            return passed >= _FIRST_S or messages.silent_s() >= _EVERY_S[False]
+        return now - self._said_at >= max(least_s, min(_SLOWER * passed, _SLOWEST_S))
 
     def beat(self) -> None:
         """Say the time that has passed, if nothing was said for long."""

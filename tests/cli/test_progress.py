@@ -39,6 +39,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
     """The time in seconds, to be set."""
     now = [100.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    messages.reset()  # as a run begins
     yield now
     messages.reset()
 
@@ -60,8 +61,10 @@ def test_a_pipe_gets_a_line_now_and_then(
     assert lines[3] == "areas: 24 of 60, 20 a minute, 1 min 48 s left"
     assert lines[-1] == "areas: 60 of 60, 20 a minute, 0 s left"
     assert len(lines) == 40
+    messages.reset()  # of other runs
     run_areas(clock, 0.1, 0, 60)
     assert len(capsys.readouterr().err.splitlines()) == 3
+    messages.reset()
     run_areas(clock, 0.01, 0, 60)
     assert capsys.readouterr().err == ""
 
@@ -181,6 +184,24 @@ def test_a_long_step_is_not_silent(
         "areas: preparing, 3 s so far",
         "areas: preparing, 5 s so far",
         "areas: 0 of 7, 45 s so far",
+    ]
+
+
+def test_tasks_in_turn_are_not_silent_between(
+    clock: list[float], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A task ends 1.5 s after its last line: the next one does not wait for its own first second."""
+    first = module._Lines("kernels", ())
+    clock[0] += 2.0
+    first.beat()
+    clock[0] += 1.5
+    second = module._Lines("areas", ())
+    for _ in range(3):
+        clock[0] += 0.15
+        second.beat()
+    assert capsys.readouterr().err.splitlines() == [
+        "kernels: preparing, 2 s so far",
+        "areas: preparing, 0 s so far",
     ]
 
 
