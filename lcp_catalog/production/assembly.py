@@ -21,6 +21,7 @@ from ..catalog.maps import overview_levels
 from ..catalog.model import Coverage
 from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
 from ..catalog.writing import new_catalog
+from ..dem.error_maps import errors_of_file
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, Places, select, stable_id
 from ..rendering.plan import ScenePlan
@@ -188,10 +189,14 @@ class Assembly:
 
     def _height_errors(self, lon: Array, lat: Array, product: AnyArray) -> tuple[Array, Array]:
         """1-sigma of the heights and resolution of the DEM at each point, from the maps or else the
-        DEM's own, metres; NaN if unknown.
+        DEM's own, metres; a sigma that neither knows is the one that the build assumes, a resolution NaN.
         """
         dems, maps = self.recipe.dems.dems, self.recipe.maps
         sigma = _known([dem.facts.sigma_m for dem in dems])[product]
+        for number in np.unique(product[np.isnan(sigma)]).tolist():
+            given = self.recipe.config.errors.height_sigma_m
+            found = errors_of_file(dems[number]).sigma_m if given is None else given
+            sigma[product == number] = found
         resolution = _known([dem.resolution_m for dem in dems])[product]
         if maps is None:
             return sigma, resolution

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -365,6 +366,26 @@ def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
     before = build.facts()
     geotiff(here / "err.tif", sigma + 1.0, *place)
     assert Build.plan((DEM,), config).facts() != before
+
+
+@pytest.mark.parametrize("given", [None, 33.0])
+def test_heights_of_an_unknown_product_have_the_assumed_sigma(
+    given: float | None, tmp_path: Path
+) -> None:
+    """A renamed file: 2.45 % of what its heights resolve, or the configuration's figure; a query counts it."""
+    renamed = Path(shutil.copy(DEM, tmp_path / "renamed.tif"))
+    config = dataclasses.replace(
+        CONFIG,
+        area=AreaConfig(center_deg=(4.0, 26.0), size_km=30.0, gsd_m=474.0),
+        sun=SunConfig((90.0, 270.0), (20.0,)),
+        view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
+        errors=ErrorConfig(height_sigma_m=given),
+    )
+    BuildRun(Build.plan((renamed,), config), tmp_path / "out.h5").whole()
+    found = open_catalog(tmp_path / "out.h5").elevation_sigma
+    assumed = 0.0245 * Dem.open(renamed).effective_resolution.resolution_m
+    np.testing.assert_allclose(found, assumed if given is None else given, rtol=1e-3)
+    assert found.size
 
 
 def test_the_time_is_estimated_from_a_large_and_a_small_area(plan: Build) -> None:
