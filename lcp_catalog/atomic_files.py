@@ -12,7 +12,7 @@ import re
 import shutil
 import stat
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
@@ -402,6 +402,55 @@ def know_sums(found: Any) -> None:
         match one:
             case [int(), int(), int(), int(), str()]:
                 _SUMS[tuple(one[:-1])] = one[-1]
+
+
+def unread_facts(paths: Iterable[Path], beside: Path) -> list[dict[str, Any]]:
+    """`file_facts`, but of a file that need not be read now its state in place of size and sum: its sum is not known, it has
+    not just changed, and it is in the file system of the folder ``beside``, where other processes see the same state.
+    """
+    device = os.stat(beside).st_dev
+    return [_unread_facts(path, device) for path in paths]
+
+
+def _unread_facts(path: Path, device: int) -> dict[str, Any]:
+    if url_of(path) is None:
+        own_device, *state = _local_state(path)
+        settled = _settled((own_device, *state))
+        if settled and settled not in _SUMS and own_device == device:
+            return {"name": printable(path.name), "state": state}
+    return _facts(path)
+
+
+def _local_state(path: Path) -> tuple[int, ...]:
+    try:
+        return file_state(os.stat(path))
+    except OSError as error:
+        raise unread(path, error) from error
+
+
+def are_as_noted(paths: Sequence[Path], noted: Any) -> bool:
+    """True for files that are in the states, or of the content, of their ``noted`` `unread_facts`. A file in another state
+    is read only if the sum in the noted state is known.
+    """
+    if not isinstance(noted, list) or len(noted) != len(paths):
+        return False
+    return all(_is_as_noted(path, one) for path, one in zip(paths, noted, strict=True))
+
+
+def _is_as_noted(path: Path, noted: Any) -> bool:
+    if not isinstance(noted, dict) or "state" not in noted:
+        return bool(noted == _facts(path))
+    if noted.get("name") != printable(path.name):
+        return False
+    if noted["state"] == list(_settled(_local_state(path))):
+        return True
+    sums = [one[-1] for one in known_sums() if one[:-1] == noted["state"]]
+    return bool(sums) and content_of(_facts(path)) == sums[0]
+
+
+def sum_in_state(state: tuple[int | str, ...]) -> str | None:
+    """The sum of a file when it was in a `file_state`; None if it is not known."""
+    return _SUMS.get(cast("tuple[int, ...]", state[1:]))
 
 
 @lru_cache(maxsize=256)

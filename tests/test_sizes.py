@@ -74,7 +74,8 @@ BUDGETS = {
     # 3 threads of the search for the nearest places, whose errors count; 2 threads that have just ended
     # 72 keys twice in a file, cameras below the reference sphere, wrong calls, Suns and endings out of range
     # 5 heights whose sigma the build assumes
-    "code lines, lcp_catalog": 46703,
+    # 65 parts that do not read their inputs for a digest
+    "code lines, lcp_catalog": 46768,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -121,7 +122,8 @@ BUDGETS = {
     # 818 the transcript of a first hour
     # 355 what a build's time is made of: stages, bounds, two competitors
     # 161 the trade at 84 N, and what three minutes hold; the sample's plain windows
-    "words of docs": 56460,
+    # 92 inputs of parts and when they are read
+    "words of docs": 56552,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -98,16 +98,22 @@ class Checkpoints:
     folder: Path
     fingerprint: str
     facts: Mapping[str, str] = field(default_factory=dict)  # what the fingerprint is made of
+    files: Any = ()
+    """Of the input files what is noted beside (`atomic_files.unread_facts`)."""
 
     @classmethod
-    def beside(cls, output: Path, facts: Mapping[str, str]) -> Checkpoints:
+    def beside(cls, output: Path, facts: Mapping[str, str], files: Any = ()) -> Checkpoints:
         """The checkpoints of an output file; ``facts``: all that determines the areas' content, by name."""
-        return cls(output.with_name(output.name + _ENDING), fingerprint(facts), facts)
+        return cls(output.with_name(output.name + _ENDING), fingerprint(facts), facts, files)
 
     @classmethod
-    def know_sums(cls, output: Path) -> None:
-        """Take the sums of input files that a run of the same output has noted (`atomic_files.know_sums`)."""
-        know_sums(cls.beside(output, {})._sums())
+    def noted_files(cls, output: Path) -> Any:
+        """The ``files`` that a run of the same output has noted, None without one. Their sums that it has noted are
+        known from now on (`atomic_files.know_sums`).
+        """
+        known = cls.beside(output, {})
+        know_sums(known._sums())
+        return (known._note() or {}).get("files")
 
     @contextlib.contextmanager
     def locked(self, shared: bool = False) -> Iterator[None]:
@@ -166,8 +172,13 @@ class Checkpoints:
             with contextlib.suppress(OutputExistsError):  # another part was quicker: the same run?
                 self._write_note(parts, overwrite=self._note() is not None)
             self.require_same_run()
-        elif any(one not in self._sums() for one in known_sums()):
-            self._write_note(parts)
+        else:
+            self.note_sums()
+
+    def note_sums(self) -> None:
+        """Note the sums of input files that this process knows and the folder does not."""
+        if any(one not in self._sums() for one in known_sums()):
+            self._write_note(self.parts)
 
     def require_same_run(self) -> None:
         """OutputExistsError if the folder's checkpoints are of another run; it says in what this differs."""
@@ -210,7 +221,7 @@ class Checkpoints:
     def _write_note(self, parts: int | None, overwrite: bool = True) -> None:
         note: dict[str, Any] = {"fingerprint": self.fingerprint, "facts": dict(self.facts)}
         note |= {} if parts is None else {"parts": parts}
-        note["sums"] = known_sums()
+        note |= {"files": self.files, "sums": known_sums()}
         with write_aside(self.folder / _NOTE, overwrite) as path:
             path.write_text(json.dumps(note), encoding="utf-8")
 

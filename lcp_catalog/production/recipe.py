@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..atomic_files import content_of, file_facts, state_of
+from ..atomic_files import content_of, file_facts, state_of, sum_in_state
 from ..dem.error_maps import ErrorMaps, height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError
@@ -48,6 +48,12 @@ class InputFiles:
             if _stamp(path) != stamp:
                 raise _changed(path)
 
+    @property
+    def unread_bytes(self) -> int:
+        """Bytes of the files whose content is not noted and not known of their state."""
+        states = [s for path, s in self._stamps.items() if path not in self._sums]
+        return sum(int(s[2]) for s in states if len(s) > 2 and sum_in_state(s) is None)
+
     def require_unchanged(self) -> None:
         """AreaFailedError for a file whose content is another than at the start. Only files in another
         state are read again.
@@ -55,7 +61,7 @@ class InputFiles:
         for path, stamp in self._stamps.items():
             now = _stamp(path)
             if now != stamp:
-                if _sum(path) != self._sums.get(path):
+                if _sum(path) != (self._sums.get(path) or sum_in_state(stamp)):
                     raise _changed(path)
                 self._stamps[path] = now
 

@@ -17,13 +17,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
-from ..atomic_files import check_output, file_facts
+from ..atomic_files import are_as_noted, check_output, file_facts, unread_facts
 from ..catalog.stored import StoredFile, stored_catalog
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..dem.plausibility import warn_of_doubts
 from ..ephemeris.solar_position import highest_sun_deg
-from ..errors import AreaError, AreaFailedError, ConfigError, SunError
+from ..errors import AreaError, AreaFailedError, ConfigError, OutputExistsError, SunError
 from ..photometry.facet_model import law_file
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, warn_of_region
@@ -48,6 +49,8 @@ from .worker_memory import caches_mb, divided
 
 log = logging.getLogger(__name__)
 
+_READ_BYTES_S, _READ_SHARE = 3e8, 0.05
+"""Rate at which a file is read for its sum, and the most that this may take of the time that a part has spent."""
 
 Progress = Callable[[int, int], None]
 
@@ -149,14 +152,17 @@ class Build:
         law = law_file(self.recipe.config.model.reflectance)
         return [*self.recipe.files, *([law] if law else ())]
 
-    def facts(self) -> dict[str, str]:
+    def facts(self, files: Any = None) -> dict[str, str]:
         """All that determines the areas' content, by name: code, libraries and processor, and digests of
-        configuration and files. AreaFailedError if a file was changed since it was opened.
+        configuration and files. AreaFailedError if a file was changed since it was opened. ``files``: what stands for
+        their content, in place of their sums (`noted_files`).
         """
-        self.inputs.digest()
+        if files is None:
+            self.inputs.digest()
+            files = file_facts(self.files)
         configs = (level.recipe.config for level in self.levels)
         texts = [replace(c, model=c.model.portable, dem=c.dem.portable).to_toml() for c in configs]
-        own = {"configuration": texts, "content of the files": file_facts(self.files)}
+        own = {"configuration": texts, "content of the files": files}
         return code_facts() | {name: fingerprint(facts) for name, facts in own.items()}
 
 
@@ -232,13 +238,17 @@ class BuildRun:
 
     @cached_property
     def checkpoints(self) -> Checkpoints:
-        """The finished areas beside the output."""
-        Checkpoints.know_sums(self.output)
-        return Checkpoints.beside(self.output, self.build.facts())
+        """The finished areas beside the output: of the run that is noted there, if the input files are those of that run."""
+        noted, files = Checkpoints.noted_files(self.output), self.build.files
+        if not are_as_noted(files, noted):
+            noted = unread_facts(files, self.output.resolve().parent)
+        return Checkpoints.beside(self.output, self.build.facts(noted), noted)
 
     def whole(self) -> BuildReport:
         """Compute all areas and write the catalogue. Raises as `build_catalog`."""
         check_output(self.output, self.overwrite, self.build.files)
+        Checkpoints.noted_files(self.output)
+        self.build.inputs.digest()
         with self.checkpoints.locked():
             self.checkpoints.begin(self.resume, self.overwrite)
             return self.finish(self._computed())
@@ -253,8 +263,28 @@ class BuildRun:
         self._require_one_pass()
         check_output(self.output, self.overwrite, self.build.files)
         with self.checkpoints.locked(shared=True):
-            self.checkpoints.join(part.count)
-            return self._compute(part.share(self.build.jobs))
+            self._join(part.count)
+            failed = self._compute(part.share(self.build.jobs))
+            self.checkpoints.note_sums()
+            return failed
+
+    def _join(self, parts: int) -> None:
+        try:
+            self.checkpoints.join(parts)
+        except (
+            OutputExistsError
+        ):  # another part has noted its files meanwhile, read or not: are they the same?
+            vars(self).pop("checkpoints")
+            self.checkpoints.join(parts)
+
+    def _read_inputs(self, spent_s: float) -> None:
+        """Note the content of input files that parts know by their states alone, as soon as that takes a small share of
+        what was spent: from then on a file that is only touched, or copied, is known again.
+        """
+        unread_s = self.build.inputs.unread_bytes / _READ_BYTES_S
+        if 0.0 < unread_s < _READ_SHARE * spent_s:
+            self.build.inputs.digest()
+            self.checkpoints.note_sums()
 
     def list_parts(self) -> list[PartState]:
         """The states of all parts; of one part that is the whole if none has been started.
@@ -289,6 +319,7 @@ class BuildRun:
                     f"{folder}: {len(left)} of {len(self.build.jobs)} areas are missing, the first: "
                     f"{left[0]}; run their parts again (`list_parts` names them)"
                 )
+            self.build.inputs.digest()
             return self.finish({name: f"area {name} is not computed" for name in left})
 
     def finish(self, failed: dict[str, str]) -> BuildReport:
@@ -399,6 +430,7 @@ class BuildRun:
                 self.checkpoints.write(todo[index].name, outcome)
             done += 1
             progress(done, len(areas))
+            self._read_inputs(time.monotonic() - start)
         workers = 1 if self.scheduler else max(1, min(self.jobs, len(todo)))
         self._spent_s.append(workers * (time.monotonic() - start) if todo else 0.0)
         return failed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -10,8 +11,15 @@ from pathlib import Path
 import pytest
 from helpers.small_build import CONFIG, DEM
 
+import lcp_catalog as lcp
 from lcp_catalog import atomic_files
-from lcp_catalog.atomic_files import file_facts, know_sums, known_sums
+from lcp_catalog.atomic_files import (
+    are_as_noted,
+    file_facts,
+    know_sums,
+    known_sums,
+    unread_facts,
+)
 from lcp_catalog.errors import OutputExistsError
 from lcp_catalog.production import run
 from lcp_catalog.production.cluster import Expected
@@ -47,10 +55,16 @@ def part(dem: Path, number: int) -> None:
     BuildRun(Build.plan((dem,), CONFIG), dem.with_name("c.h5")).part(BuildPart(number, 3))
 
 
+def compute_nothing(monkeypatch: pytest.MonkeyPatch, reads: bool) -> None:
+    """``reads``: a part spends as much time as allows to read its inputs."""
+    spent_s = 1e9 if reads else 0.0
+    monkeypatch.setattr(BuildRun, "_compute", lambda self, jobs: self._read_inputs(spent_s) or {})
+
+
 def test_a_part_reads_nothing_that_another_has_read(
     dem: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run.BuildRun, "_compute", lambda self, jobs: {})
+    compute_nothing(monkeypatch, reads=True)
     read = another_process(monkeypatch)
     part(dem, 1)
     assert read == [DEM.name]
@@ -66,10 +80,88 @@ def test_a_part_reads_nothing_that_another_has_read(
     assert read == []
 
 
+def test_short_parts_read_no_input_for_its_sum(dem: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They know it by its state. The merge reads it, for the catalogue's `sources`."""
+    monkeypatch.setattr(run, "_READ_SHARE", 0.0)
+    for number in (1, 2, 3):
+        read = another_process(monkeypatch)
+        part(dem, number)
+        assert read == []
+    BuildRun(Build.plan((dem,), CONFIG), output := dem.with_name("c.h5")).merge()
+    assert read == [DEM.name]
+    sums = [one["sha256"] for one in lcp.open_catalog(output).sources]
+    assert sums == [hashlib.sha256(dem.read_bytes()).hexdigest()]
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_file_that_is_written_before_its_content_was_noted_is_another(
+    whole: bool, dem: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        compute_nothing(patch, reads=False)
+        part(dem, 1)
+    os.utime(dem)
+    another_process(monkeypatch)
+    later = BuildRun(Build.plan((dem,), CONFIG), dem.with_name("c.h5"), resume=True)
+    with pytest.raises(OutputExistsError, match="content of the files"):
+        later.whole() if whole else later.merge()
+
+
+def test_a_whole_build_goes_on_with_parts_that_did_not_read(
+    dem: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run, "_READ_SHARE", 0.0)
+    part(dem, 1)
+    another_process(monkeypatch)
+    counts = list[int]()
+    build = Build.plan((dem,), CONFIG)
+    output = dem.with_name("c.h5")
+    BuildRun(build, output, resume=True, progress=lambda done, total: counts.append(done)).whole()
+    assert counts[0] == len(build.jobs[::3])
+
+
+@pytest.mark.parametrize("first_reads", [False, True])
+def test_parts_that_start_together_agree_whether_they_have_read_or_not(
+    first_reads: bool, dem: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second has looked into the folder before the first one has noted its files."""
+    compute_nothing(monkeypatch, reads=False)
+    build = Build.plan((dem,), CONFIG)
+    first, second = (BuildRun(build, dem.with_name("c.h5")) for _ in range(2))
+    looked, read = (second, first) if first_reads else (first, second)
+    assert looked.checkpoints.files[0].keys() == {"name", "state"}
+    build.inputs.digest()
+    assert read.checkpoints.files[0].keys() == {"name", "size", "sha256"}
+    first.part(BuildPart(1, 3))
+    second.part(BuildPart(2, 3))
+
+
+def test_an_input_in_another_file_system_than_the_output_is_read(
+    dem: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Other machines may have copies, whose states differ."""
+    read = another_process(monkeypatch)
+    here = os.stat(dem)
+    (known,) = unread_facts([dem], dem.parent)
+    assert known["state"] == [here.st_ino, here.st_size, here.st_mtime_ns, here.st_ctime_ns]
+    assert read == []
+    (other,) = unread_facts([dem], Path("/proc"))
+    assert other == file_facts([dem])[0]
+
+
+@pytest.mark.parametrize(
+    "noted", [None, {}, [], [1], [{}], [{"state": 3}], [{"name": DEM.name, "state": [[1]]}]]
+)
+def test_what_is_no_note_of_files_is_not_that_of_the_same(noted: object, dem: Path) -> None:
+    assert not are_as_noted([dem], noted)
+    assert are_as_noted([dem], unread_facts([dem], dem.parent))
+    assert are_as_noted([dem], file_facts([dem]))
+
+
 def test_a_replaced_file_is_noticed_although_size_and_time_are_the_same(
     dem: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run.BuildRun, "_compute", lambda self, jobs: {})
+    compute_nothing(monkeypatch, reads=True)
     part(dem, 1)
     facts, content = os.stat(dem), bytearray(dem.read_bytes())
     content[-1] ^= 1
