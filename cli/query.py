@@ -125,7 +125,8 @@ known_options = option_group(
         type=Number(0.0),
         metavar="M",
         help="1 sigma for each axis of a position error that all points share, such as an offset of the map in the "
-        "Moon-fixed frame; default: that of the DEM's product (GLD100: 30), 0 where none is published.",
+        "Moon-fixed frame; default: that of the DEM's product (GLD100: 30; LOLA, SLDEM2015, NAC DTM: 10), 0 where none is "
+        "published.",
     ),
     click.option(
         "--pixel-sigma",

@@ -18,6 +18,7 @@ from markupsafe import Markup
 
 from ..arrays import AnyArray, Index
 from ..atomic_files import check_output, write_bytes
+from ..dem.products import tie_of
 from ..ephemeris.solar_position import reachable_suns
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import number, page
@@ -342,8 +343,21 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         cards=[_card(catalog, statistics, disc, int(i)) for i in chosen],
         schema_version=SCHEMA_VERSION,
         sources=[*catalog.sources, *(catalog.albedo_map or {}).get("files", [])],
+        ties=_ties(catalog),
         scene_plan=json.dumps(catalog.scene_plan, indent=1, sort_keys=True, ensure_ascii=False),
     )
+
+
+def _ties(catalog: Catalog) -> dict[str, str]:
+    """How well the map of each product lies in the Moon's frame, for the page."""
+    products = sorted(set(catalog.dem_product.tolist()))
+    known = {name: tie_of(name) for name in products}
+    return {
+        name: f"{tie[0]:g} m (1 sigma, each axis; {tie[1]})"
+        if tie
+        else "no published error: positions count none"
+        for name, tie in known.items()
+    }
 
 
 def _chart(catalog: Catalog) -> ReliefMap:

@@ -18,8 +18,7 @@ class ProductFacts:
     if nothing is published. ``calibrated_sigma_m``, ``calibrated_length_m``: 1 sigma and correlation
     length of height errors that explain images of the ground, ``calibration`` their source; None
     without a calibration. ``filled_beyond_deg``: north and south of this latitude the heights are
-    those of ``filled_with``; None if all heights are the product's own. ``tie_sigma_m``: 1 sigma, each axis, of the
-    place of the whole map in the Moon's frame, ``tie`` its source.
+    those of ``filled_with``; None if all heights are the product's own.
     """
 
     family: str
@@ -32,8 +31,6 @@ class ProductFacts:
     calibration: str = ""
     filled_beyond_deg: float | None = None
     filled_with: str = ""
-    tie_sigma_m: float | None = None
-    tie: str = ""
 
 
 _BARKER_2016 = (
@@ -64,7 +61,6 @@ _BURNS_2012 = (
     "vertical precision 1 to 2 m (the larger is taken); no true resolution is stated"
 )
 
-_WAC_TIE = "FGDC metadata of the WAC mosaic on Moon Trek: placed as well as LOLA, 12 to 50 m horizontally (their middle is taken)"
 _APOLLO_15 = "fitted to the Apollo 15 frames AS15-M-0414 and AS15-M-0295 on cells of 474 m (validation.error_fit)"
 
 _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
@@ -99,8 +95,6 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
                 _APOLLO_15,
                 79.0,
                 "LOLA",
-                30.0,
-                _WAC_TIE,
             ),
         ),
         (r"NAC_DTM", ProductFacts("NAC_DTM", None, 2.0, None, _BURNS_2012)),
@@ -108,6 +102,19 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
 )
 UNKNOWN = ProductFacts("unknown")
 """What is known of a product of no family: nothing."""
+
+_WAC_TIE = "FGDC metadata of the WAC mosaic on Moon Trek: placed as well as LOLA, 12 to 50 m horizontally (their middle is taken)"
+_LOLA_TIE = (
+    "Barker et al. 2016, abstract: errors of LOLA's profiles in place are typically below 10 m horizontally and 1 m vertically "
+    "(the larger is taken); orbits without GRAIL's gravity are worse, to about 100 m (Smith et al. 2010)"
+)
+_NAC_TIE = f"tied to LOLA's heights (READMEs of the products), what that adds is not published; {_LOLA_TIE}"
+
+_TIES = {
+    "GLD100": (30.0, _WAC_TIE),
+    **dict.fromkeys(("SLDEM2015", "LDEM", "LDEM_POLAR", "PGDA"), (10.0, _LOLA_TIE)),
+    "NAC_DTM": (10.0, _NAC_TIE),
+}
 
 _NAMES = (
     # (pattern in the product id or the file's stem, name)
@@ -135,6 +142,13 @@ def facts_of(product: str) -> ProductFacts:
     none.
     """
     return next((facts for pattern, facts in _FAMILIES if pattern.match(product)), UNKNOWN)
+
+
+def tie_of(product: str) -> tuple[float, str] | None:
+    """1 sigma, each axis, metres, of the place of a product's whole map in the Moon's frame, and its source; None if none
+    is published.
+    """
+    return _TIES.get(facts_of(product).family)
 
 
 def is_called(product: str, name: str) -> bool:

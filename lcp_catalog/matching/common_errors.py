@@ -27,7 +27,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, ground_slopes
 from ..catalog.catalogue import Catalog
-from ..dem.products import facts_of
+from ..dem.products import tie_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,5 +123,14 @@ def map_sigma_m(catalog: Catalog, rows: Index) -> float:
     """1 sigma, each axis, metres, of the place of the map that points (rows (n,)) were cut from: the largest of its
     products, 0 where none is published.
     """
-    products = set(catalog.part("dem_product", rows).tolist())
-    return max((facts_of(name).tie_sigma_m or 0.0 for name in products), default=0.0)
+    ties = [tie_of(name) for name in _products(catalog, rows)]
+    return max((tie[0] for tie in ties if tie), default=0.0)
+
+
+def untied(catalog: Catalog, rows: Index) -> tuple[str, ...]:
+    """Products of points (rows (n,)) whose map's place has no published error: it is not counted."""
+    return tuple(name for name in _products(catalog, rows) if tie_of(name) is None)
+
+
+def _products(catalog: Catalog, rows: Index) -> list[str]:
+    return sorted(set(catalog.part("dem_product", rows).tolist()))

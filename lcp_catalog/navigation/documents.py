@@ -89,6 +89,8 @@ def document(answer: Answer, catalog: Catalog) -> dict[str, Any]:
         "covariance_6x6": _listed(cofactors),
         "dop": dop,
         "budget_m": position.budget_m,
+        "map_sigma_m": position.map_sigma_m,
+        "map_unknown": list(position.untied),
         "reason": position.reason or None,
     }
 
@@ -243,7 +245,13 @@ def position_text(position: ExpectedPosition) -> str:
     assert sigma is not None
     east, north, up = (number(value) for value in enu.tolist())
     exact = "" if known is None else f"; {number(known)} m with an exact attitude"
-    return f"position to {number(sigma)} m (1 sigma: east {east}, north {north}, up {up}){exact}"
+    names = ", ".join(position.untied)
+    tie = (
+        f"; no error of the map's place is published for {names}, and none counted" if names else ""
+    )
+    return (
+        f"position to {number(sigma)} m (1 sigma: east {east}, north {north}, up {up}){exact}{tie}"
+    )
 
 
 _WIDTH, _HEIGHT, _LEFT, _TOP, _BOTTOM, _RIGHT = 640.0, 150.0, 84.0, 30.0, 52.0, 16.0

@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..geometry.ellipses import error_ellipses
 from ..geometry.frames import azimuth_elevation, enu_rotation, mcmf_to_lonlat
 from ..landmarks.point_spread import sharper_sigma
 from ..light.sun_choice import SunChoice, SunStated
-from ..matching.common_errors import SharedTerrain, map_sigma_m, shadow_shift_m
+from ..matching.common_errors import SharedTerrain, map_sigma_m, shadow_shift_m, untied
 from ..matching.joint_detection import JointDetection, joint_detection
 from ..matching.point_choice import LEAST_SIGMA_PX, shows_points
 from ..matching.pose import jacobian
@@ -85,6 +85,9 @@ class ExpectedPosition:
     reason: str = ""
     budget_m: dict[str, float] | None = None
     """`position_sigma_m` by the errors of `SOURCES` alone: their squares add up to its square."""
+    map_sigma_m: float = 0.0  # 1 sigma, each axis, of the map's place, as counted
+    untied: tuple[str, ...] = ()
+    """Products of which it is not published and was not stated: it is not counted for them."""
 
     @property
     def position_covariance_m2(self) -> Array | None:
@@ -232,7 +235,11 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         np.stack([claims.sigma_major_m[chosen], claims.sigma_minor_m[chosen]], axis=-1),
         claims.sigma_angle_deg[chosen],
         points.counts,
-        _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query, tie),
+        replace(
+            _expected(information.some(listed), errors, points.pixel_m[chosen], to_enu, query, tie),
+            map_sigma_m=tie,
+            untied=untied(catalog, rows) if query.map_sigma_m is None else (),
+        ),
         (float(of_sun), float(above)),
         joint_of(catalog, points, query),
     )

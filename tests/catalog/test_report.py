@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,7 @@ def test_the_page_shows_the_catalogue(html: str) -> None:
         count = summary(found)["coverage"][status]
         assert f"<b>{status}</b> {count}:" in html
     assert "sha256 " + "0" * 64 in html
+    assert re.findall("Place of (.*?) in the Moon's frame: no published error", unescape(html))
 
 
 def test_texts_of_the_catalogue_cannot_become_markup() -> None:

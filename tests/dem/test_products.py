@@ -16,7 +16,7 @@ from helpers.products import cylinder, hills
 from lcp_cli.main import cli
 
 from lcp_catalog.dem.mosaic import DemSet, disagreements, warn_of_disagreements
-from lcp_catalog.dem.products import facts_of, is_called, product_name
+from lcp_catalog.dem.products import facts_of, is_called, product_name, tie_of
 from lcp_catalog.errors import ConfigError, DemError
 from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.production.config import AreaConfig, BuildConfig, DemConfig
@@ -61,6 +61,26 @@ def test_names_and_figures(
     assert facts.abs_latitude_use == use
     assert (facts.sigma_m, facts.resolution_m) == (sigma_m, resolution_m)
     assert facts.source
+
+
+@pytest.mark.parametrize(
+    ("product", "tie_m"),
+    [
+        ("GLD100_064", 30.0),  # 12 to 50 m: Moon Trek's metadata of the WAC mosaic
+        # below 10 m horizontally, 1 m vertically: abstract of Barker et al. 2016
+        ("SLDEM2015_128", 10.0),
+        ("LDEM_512", 10.0),
+        ("LDEM_80S_20M", 10.0),
+        ("LDEM_80S_20MPP_ADJ", 10.0),
+        ("Site01_final_adj_5mpp_surf", 10.0),
+        ("NAC_DTM_APOLLO11", 10.0),  # README of the product: tied to LOLA
+        ("kaguya_tc", None),
+    ],
+)
+def test_places_of_maps_have_a_source(product: str, tie_m: float | None) -> None:
+    tie = tie_of(product)
+    assert (tie and tie[0]) == tie_m
+    assert tie is None or len(tie[1]) > 40
 
 
 def test_the_latitudes_of_use_leave_no_gap() -> None:

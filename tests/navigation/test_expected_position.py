@@ -21,7 +21,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from lcp_catalog.light.sun_choice import SunChoice
-from lcp_catalog.navigation.documents import result_line
+from lcp_catalog.navigation.documents import position_text, result_line
 from lcp_catalog.navigation.expected_position import Answer, Query, answers
 from lcp_catalog.navigation.frame_points import CAUSES, PlannedImage
 from lcp_catalog.navigation.information import Information, best_points
@@ -68,7 +68,9 @@ def taken() -> Camera:
     return replace(camera(tilt=(0.03, -0.05, 0.4)), distortion=np.array(BENT))
 
 
-@pytest.mark.parametrize(("product", "tie_m"), [("GLD100_256", 30.0), ("made_59m", 0.0)])
+@pytest.mark.parametrize(
+    ("product", "tie_m"), [("GLD100_256", 30.0), ("SLDEM2015_512", 10.0), ("made_59m", 0.0)]
+)
 def test_without_a_stated_one_the_maps_error_is_that_of_its_product(
     catalog: Catalog, taken: Camera, product: str, tie_m: float
 ) -> None:
@@ -78,6 +80,10 @@ def test_without_a_stated_one_the_maps_error_is_that_of_its_product(
     own, stated = (asked(cut, taken, Query(map_sigma_m=m)).position for m in (None, tie_m))
     assert own.budget_m == stated.budget_m
     np.testing.assert_array_equal(own.covariance, stated.covariance)
+    assert (own.map_sigma_m, own.untied) == (tie_m, ("made_59m",))  # what is not counted is named
+    assert stated.untied == ()
+    named = "no error of the map's place is published for made_59m, and none counted"
+    assert (named in position_text(own), named in position_text(stated)) == (True, False)
 
 
 def by_opencv(taken: Camera, points: np.ndarray, correction: np.ndarray) -> np.ndarray:
