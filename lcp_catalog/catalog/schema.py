@@ -166,7 +166,7 @@ VARIABLES = {
         ("point",),
         "f8",
         "m",
-        "1-sigma of the DEM's heights, from a map, as published for the product, or else as the build assumes",
+        "1-sigma of the DEM's heights, from a map or as published for the product, NaN for none",
     ),
     "dem_resolution": Variable(
         ("point",),
