@@ -165,14 +165,14 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         ("model.accuracy", "model.tolerance"), _tiers,
         effects=("cast shadows", "occlusion"),
         settings=("node_error", "tolerance", "shadows", "shadow_method", "far_doubt"),
-        constants=("terrain.occlusion.EPSILON",), expected=0.001,
+        constants=("terrain.occlusion.EPSILON", "kernels.shadows.draft.NEAR_CELLS", "kernels.shadows.draft.DENSITY"), expected=0.001,
         fineness=lambda c: _TIERS.index(c.model.precision.tier),
     ),
     Approximation(
         "reflectance law",
         "rms difference from Hapke's image as a share of the mean signal, stated by the scene plan; the tier's `law_residual` at most",
         ("model.reflectance",), _choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
-        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS",), expected=0.02, fineness=_law,
+        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS", "kernels.photometry.facet.TABLE", "kernels.photometry.facet.CONE_SIN"), expected=0.02, fineness=_law,
     ),
     Approximation(
         "brightness of the ground",
@@ -241,7 +241,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "search at half resolution first",
         "a probability up to 0.49 too high away from the limit (measured); `second_peak` up to 0.29 too low (97 points of Hadley, cells of 474 m)",
         ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
-        constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK"),
+        constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN"),
         fineness=lambda c: c.model.precision.whole_search,
     ),
     Approximation(
@@ -268,14 +268,14 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "elevation of terrain that is left out, stated by the scene plan; 0.02 deg rms of the horizon from coarser cells (measured)",
         ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
         effects=("terrain beyond the area",),
-        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE", "terrain.far_terrain.PLACES"), expected=0.005,
+        constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE", "terrain.far_terrain.PLACES", "terrain.surroundings.NEAR_NODES", "terrain.relief_bounds.COARSE_NODES"), expected=0.005,
         fineness=lambda c: c.model.ring_max_km,
     ),
     Approximation(
         "light by way of other ground",
         "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 1.0 % of the usable conditions of the sample are others, in 34 times the time (measured, 7bb57269, 2026-11-27)",
         ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
-        effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE"), slower=30.0, expected=0.01,
+        effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=30.0, expected=0.01,
         fineness=lambda c: c.model.bounce == "on",
     ),
     Approximation(
@@ -325,13 +325,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         price="seven bytes a claim for eighteen",
     ),
     Approximation(
-        "float32", "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",),
+        "float32", "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",), constants=("kernels.elementary._EXP", "kernels.elementary._LOG", "kernels.elementary._TAIL", "kernels.photometry.images._ATAN", "kernels.photometry.hapke_simd._ACOS"),
         unpriced="no switch in builds, whose kernels are written for it; in renders the tier `reference`",
         price="half the memory of an image; with float64 and every ray traced an area takes 1.2 to 1.9 times the time of `high` (2584014, 2026-11-24)",
     ),
     Approximation(
         "resampling of the DEM", "cubic convolution (Keys, a = -0.5): exact for parabolas; bilinear beside missing pixels",
-        constants=("kernels.resampling.heights.sample",), unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
+        constants=("kernels.resampling.heights.sample", "kernels.resampling.area_means._A", "kernels.resampling.area_means.SAMPLES_MAX"), unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
         price="bilinear instead changes 7.5 % of the usable conditions of the sample, cells of 474 m, and 0.99 of the time (7bb57269, 2026-11-27)",
     ),
     Approximation(

@@ -9,6 +9,7 @@ import functools
 import importlib
 import importlib.util
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -39,55 +40,75 @@ ASKED = {
     ),
 }
 
-COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "production"
+COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "production", "kernels"
 """Packages whose constants decide what a catalogue or a render holds, but for the modules that only run them."""
 
 RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views"
 
-FUNCTIONS = {
-    *("kernels.resampling.heights.sample", "landmarks.detection.SPREAD_NODES"),
-    *("landmarks.uniqueness.RIVALS", "production.point_config.SMALLEST_PX"),
-}
-"""Approximations that no constant of floating point marks."""
+FUNCTIONS = {"kernels.resampling.heights.sample"}
+"""Approximations that no constant marks; numbers within functions: `test_literals`."""
 
 NO_APPROXIMATIONS = {
     # by package: limits of values, units, guards against rounding, figures that were measured, defaults of fields
-    "catalog": ("UNIVERSAL_SHARE _TOUCHING"),
+    "catalog": ("COVERAGE_UNKNOWN NO_CELL UNIVERSAL_SHARE _TOUCHING"),
+    "kernels": (
+        # values of single precision, guards against rounding, numbers of results and of what is done at once
+        "AT_ONCE BAND_ROWS COT_SMOOTH COS_HELD DISC_NUMBERS FACET FLAT FREE HEAD IN_PLANE LEAST "
+        "LINES LOOKS LOOSE LOWEST NEAR_CAMERA NEVER NOWHERE NUMBERS NUMBERS NUMBERS ON_GRID "
+        "ON_LINE ON_SURFACE_M PATIENCE READS SMALL SMALL_CELLS SNAP STEEPER SUNS TILE TILE TILES "
+        "UNDERGROUND_M _ABOVE _ALONG _BAND_ROWS _BIAS _BITS _CLASS _CLASSES _DETERMINED _ENDLESS "
+        "_FAR _FLAT _FLOOR _GONE _HALF _HALF _INF _INV_PI _INVERSE_ROOT_TWO_PI _KEPT _LANES "
+        "_LEAST_VARIANCE _LN2 _LOG2E _LOWEST _NAN _NARROW _NEAR _ONE _ONE _ONE _PARTS "
+        "_PARTS _PARTS _ROOT_HALF _RUN _RUN _RUN _SHIFT _SMOOTH _SPLITTER _SQRT_HALF _STEEP "
+        "_STEPS _STEPS _STEPS _STEPS _STEPS _TAIL_END _TEXTURED _TINY _TINY _TOUCHING _TWO "
+        "_TWO_PI _UNSORTED _ZERO _ZERO "
+        # integrals whose rest is below 1e-6, bounds with their margins, the fit of a match, whose sigma is measured
+        "BEYOND PART_DEG _APART _AT32 _FARTHEST_PX _FEWEST _LAGS _LAST_STEP_PX _LONGER _MISMATCH "
+        "_NEAR_ZENITH_DEG _SAFETY _SETTLED_PX _SIGMAS _SURE _WEIGHTS32 _WHOLE_WEIGHTS points._MARGIN"
+    ),
     "landmarks": (
-        "AMBIGUOUS COMMON_VARIANCE CONTRASTS EXCLUSION_PX GATE GROUP_GAIN HARRIS_K RING "
-        "SIGNIFICANT TYPICAL_CONTRAST WRONG _CERTAIN _EXPONENTS _FIRM_PX _FLAT _GAIN "
-        "_HIGH_PERCENTILE _LEAST_COSINE _LEAST_HEIGHT _LEAST_SLOPE_SIGNAL _LEAST_VARIANCE "
-        "_LOST _NEEDED _NEGLIGIBLE _POSITION_M _PROBITS_OF_SEARCH _REACH_PX _ROUNDING "
-        "_SIGMA_PX _SPREAD _TOLERANCE_PX"
+        "AMBIGUOUS BLOCK BOUND_WORK COMMON_VARIANCE CONTRASTS EXCHANGE_MAX EXCLUSION_PX GATE "
+        "GROUP_GAIN HARRIS_K ID_ROWS MOST_UNITS RING SIGNIFICANT TYPICAL_CONTRAST UNITS_MAX WRONG "
+        "_CERTAIN _EXPONENTS _FIRM_PX _FLAT _GAIN _HIGH_PERCENTILE _LEAST_COSINE _LEAST_HEIGHT "
+        "_LEAST_PERCENT _LEAST_SLOPE_SIGNAL _LEAST_VARIANCE _LOST _NEEDED _NEGLIGIBLE _NODES "
+        "_POSITION_M _PROBITS_OF_SEARCH _REACH_PX _ROUNDING _SIGMA_PX _SPREAD _TOLERANCE_PX "
+        "_WEIGHTS"
     ),
     "light": (
         "CLEAR_SKY_RATIO DARKEST_SHARE EARTH_ALBEDO EARTH_RADIUS_M HIGH_DEG LAST_PHASE_DEG "
-        "MEAN_DISTANCE_M SEGMENT_DEG WIDEST_DEG _FLAT _FULL_SCALE _GOLDEN _J2000 _LOWEST_DEG "
-        "_NEVER_UP_RAD _ROUNDING_DEG _WHITE_PERCENTILE"
+        "MEAN_DISTANCE_M MOST_SOURCES SEGMENT_DEG WIDEST_DEG _FLAT _FULL_SCALE _GOLDEN _J2000 "
+        "_LOWEST_DEG _NEVER_UP_RAD _ROUNDING_DEG _SHIFTS _TAIL _WHITE_PERCENTILE"
     ),
     "photometry": (
-        "ALBEDO BOUNDS DISCS LAMBERT_ALBEDO LARGEST_EMISSION_DEG LIMITS MEAN MINNAERT_ALBEDO "
-        "MINNAERT_FLOOR MINNAERT_K OPTICS REC_709 SETS SINGLE_SCATTERING_ALBEDO SURFACES "
-        "TABLE_1 TABLE_2 TABLE_3 WEIGHT _DENSEST _GAIN _GAP_DEG _LEVEL_DEG _NO_CONTRAST "
-        "_PER_SIGMA _QUADRATURE _RANGES _STARTS _STEPS _THETA_DEG _UNIT"
+        "ALBEDO BOUNDS DISCS INTERVALS LAMBERT_ALBEDO LARGEST_EMISSION_DEG LEAST_POINTS LIMITS "
+        "MEAN MINNAERT_ALBEDO MINNAERT_FLOOR MINNAERT_K OPTICS REC_709 SETS "
+        "SINGLE_SCATTERING_ALBEDO SURFACES TABLE_1 TABLE_2 TABLE_3 WEIGHT _BLOCK_ROWS _DENSEST "
+        "_GAIN _GAP_DEG _LEVEL_DEG _NO_CONTRAST _PER_SIGMA _QUADRATURE _QUADRATURE _RANGES "
+        "_SAMPLE_NODES _STARTS _STEPS _SWEEPS _THETA_DEG _UNIT"
     ),
     "production": (
-        "BANDS_DEG FOOTPRINT_MAX_KM LENGTH_MAX_M LEVEL_FACTOR_MAX LOCATED LOCATED_MAX "
-        "LOCATED_MIN PLACE_PER_LENGTH POLAR_ELEVATIONS_DEG POLAR_SUN_DEG SEARCH_MAX_M "
-        "SEARCH_NODES SPACING_MAX_M SUN_ELEVATIONS_DEG _COARSEST _FINEST _LATITUDE_STEP_DEG "
-        "_LEAST_CHANCE _LEAST_M _LINKS _SAFETY _SLACK_RAD _WORST"
+        "AREAS_MAX AREA_NODES_MIN BANDS_DEG CONDITIONS_MAX COVERAGE_BYTES COVERAGE_CELLS "
+        "FOOTPRINT_MAX_KM FOOTPRINT_NODES LARGE_NODES LENGTH_MAX_M LEVELS_MAX LEVEL_FACTOR_MAX "
+        "LOCATED LOCATED_MAX LOCATED_MIN OVERVIEW_NODES PART_STEP PER_VIEW_MAX PLACE_PER_LENGTH "
+        "POLAR_ELEVATIONS_DEG POLAR_SUN_DEG SEARCH_MAX_M SEARCH_NODES SPACING_MAX_M "
+        "SUN_ELEVATIONS_DEG UNIT _BATCH_NODES _BYTES_BESIDE _COARSEST _CURVE_STEPS _ERROR_PLACES "
+        "_FILE_BYTES _FINEST _FINEST _LATITUDE_STEP_DEG _LATTICE_MAX _LEAST_CHANCE _LEAST_M "
+        "_LINKS _NODES_MOST _PAIRS_MOST _PLACES_MIN _PROCESSES _READ_AT_ONCE _ROWS _SAFETY "
+        "_SAMPLED _SAMPLES _SHORT _SHOWN _SLACK_RAD _TOGETHER _WORST"
     ),
     "rendering": (
-        "DISC_SHIFT DISC_SHIFT_DEG NORMAL_ROUNDING_RAD RING_MAX_M SIZE_MAX_KM STORED "
-        "WHITE_PERCENTILE _EXTENT_MAX_M _FACING _GAMMA _MARGIN _RADIUS_UP _SHAPE "
+        "DISC_SHIFT DISC_SHIFT_DEG NORMAL_ROUNDING_RAD PROBES_MOST RING_MAX_M SIZE_MAX_KM STORED "
+        "TILE WHITE_PERCENTILE _AXIS_STEPS _BLOCK_ROWS _BLOCK_ROWS _CELLS_MOST _EXTENT_MAX_M "
+        "_FACING _GAMMA _MARGIN _NODES _RADIUS_UP _SAMPLES _SAMPLES _SHAPE _SLOPE_NODES _TURNS "
         "_WHITE_PERCENTILE"
     ),
     "terrain": (
-        "CELL_PER_RESOLUTION LOCAL_MAX_DEG OFF_SHARE STEEPEST _LIMB _ROUNDING _SLACK_OCTAVES "
-        "_TOLERANCE_M"
+        "BLOCK_ROWS CELL_PER_RESOLUTION LOCAL_MAX_DEG OFF_SHARE STEEPEST _BLOCK_NODES _EDGE "
+        "_ITERATIONS _LEAST_STRIDE _LIMB _NODES_MAX _PLACES _ROUNDING _SLACK_OCTAVES _TOLERANCE_M"
     ),
 }
-"""Other constants of floating point; a new one belongs here or in the registry."""
+"""Other constants of floating point, and whole numbers above 4; a new one belongs here, once for each module
+that has it, or in the registry."""
 
 CONFIG = BuildConfig().replaced(
     {"area.gsd_m": 118.0, "sun.elevations_deg": SUN_ELEVATIONS_DEG, "model.albedo": "none"}
@@ -122,15 +143,25 @@ def decided() -> set[str]:
 
 
 def constants(source: str) -> set[str]:
-    """Names at the top of a module whose values hold a number of floating point."""
+    """Names at the top of a module whose values hold a number of floating point, or are one whole number above 4."""
     found: set[str] = set()
     for node in ast.parse(source).body:
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.value:
-            inside = [n.value for n in ast.walk(node.value) if isinstance(n, ast.Constant)]
+            inside = [] if _is_range(node.value) else _values_in(node.value)
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            if any(isinstance(value, float) for value in inside):
+            whole = len(inside) == 1 and isinstance(inside[0], int) and inside[0] > 4
+            if whole or any(isinstance(value, float) for value in inside):
                 found |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
     return found
+
+
+def _values_in(node: ast.expr) -> list[Any]:
+    return [n.value for n in ast.walk(node) if isinstance(n, ast.Constant)]
+
+
+def _is_range(node: ast.expr) -> bool:
+    """True for the places of an array, which are numbered."""
+    return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "range"
 
 
 @functools.cache
@@ -138,7 +169,7 @@ def in_code() -> set[str]:
     """Every constant that may be an approximation, and the `FUNCTIONS`."""
     library = ROOT / "lcp_catalog"
     paths = [library / "catalog" / f"{name}.py" for name in ("prediction", "schema")]
-    paths += [path for folder in COMPUTES for path in (library / folder).glob("*.py")]
+    paths += [path for folder in COMPUTES for path in (library / folder).rglob("*.py")]
     found = {
         ".".join((*path.relative_to(library).with_suffix("").parts, name))
         for path in paths
@@ -148,10 +179,18 @@ def in_code() -> set[str]:
     return found | FUNCTIONS
 
 
+def _entry(name: str) -> tuple[str, str]:
+    """Package and entry of a constant in `NO_APPROXIMATIONS`: its name, after its module where that is listed."""
+    package, _, rest = name.partition(".")
+    return package, rest if rest in NO_APPROXIMATIONS.get(package, "").split() else rest.rpartition(
+        "."
+    )[2]
+
+
 def is_listed(name: str) -> bool:
-    """True for a constant that `NO_APPROXIMATIONS` names, in whichever module of its package."""
-    package, *_, own = name.split(".")
-    return own in NO_APPROXIMATIONS.get(package, "").split()
+    """True for a constant that `NO_APPROXIMATIONS` names."""
+    package, entry = _entry(name)
+    return entry in NO_APPROXIMATIONS.get(package, "").split()
 
 
 def missing(registry: tuple[Approximation, ...]) -> set[str]:
@@ -167,6 +206,14 @@ def missing(registry: tuple[Approximation, ...]) -> set[str]:
     return asked - {name for one in registry for name in _marks(one)}
 
 
+def miscounted(names: set[str], registry: tuple[Approximation, ...]) -> set[str]:
+    """Packages and names of constants that more or fewer modules have than `NO_APPROXIMATIONS` lists."""
+    named = {name for one in registry for name in one.constants}
+    there = Counter(_entry(name) for name in names - named)
+    listed = Counter((p, own) for p, text in NO_APPROXIMATIONS.items() for own in text.split())
+    return {".".join(key) for key in {*there, *listed} if there[key] != listed[key]}
+
+
 def _marks(one: Approximation) -> tuple[str, ...]:
     return (*one.switch, *one.settings, *one.effects, *one.constants)
 
@@ -174,6 +221,7 @@ def _marks(one: Approximation) -> tuple[str, ...]:
 def test_every_approximation_is_in_the_registry() -> None:
     assert missing(APPROXIMATIONS) == set()
     assert len(decided()) > 18
+    assert miscounted(in_code(), APPROXIMATIONS) == set()
 
 
 def test_an_approximation_that_is_left_out_is_noticed() -> None:
@@ -187,15 +235,21 @@ def test_an_approximation_that_is_left_out_is_noticed() -> None:
 
 
 def _only_named(name: str) -> bool:
-    """A constant that is no number of floating point: the registry names it, and nothing asks for it."""
+    """A constant that is no such number: the registry names it, and nothing asks for it."""
     return name.count(".") > 1 and name not in in_code()
 
 
 def test_a_constant_that_is_added_is_noticed() -> None:
-    assert constants("A = 3\nB = 0.5\nC, D = 1e-3, 2\nE: float = f(2.0)\ndef f(): x = 1.0") == {
-        *("B", "C", "D", "E")
-    }
+    assert constants(
+        "X, Y = range(9)\nW = 12\nA = 3\nB = 0.5\nC, D = 1e-3, 2\nE: float = f(2.0)\ndef f(): x = 1.0"
+    ) == {*("B", "C", "D", "E", "W")}
     assert not is_listed("light.bounced_light.NEW")
+    assert miscounted(in_code() | {"kernels.rays.tracing._STEPS"}, APPROXIMATIONS) == {
+        "kernels._STEPS"
+    }
+    assert miscounted(in_code() - {"terrain.useful_cell._PLACES"}, APPROXIMATIONS) == {
+        "terrain._PLACES"
+    }
     assert not [name for one in APPROXIMATIONS for name in one.constants if is_listed(name)]
 
 
@@ -240,11 +294,11 @@ def test_alternatives_belong_to_any_configuration() -> None:
             except ConfigError:
                 assert set(values) == {"model.direction_tolerance_deg"}
     assert math.isinf(
-        max(_values(narrow, "parallel or near views")["parallel"]["view.altitude_km"])
+        max(_alternatives(narrow, "parallel or near views")["parallel"]["view.altitude_km"])
     )
 
 
-def _values(config: BuildConfig, name: str) -> dict[str, Any]:
+def _alternatives(config: BuildConfig, name: str) -> dict[str, Any]:
     return next(one.values(config) for one in APPROXIMATIONS if one.name == name)
 
 
