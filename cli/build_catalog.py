@@ -130,6 +130,7 @@ class Mode:
     plan: bool
     part: tuple[int, int] | None
     list_parts: bool
+    select: bool
     merge: bool
     as_json: bool
 
@@ -138,6 +139,7 @@ class Mode:
             "--plan": self.plan,
             "--part": self.part,
             "--list-parts": self.list_parts,
+            "--select": self.select,
             "--merge": self.merge,
         }
         if len(chosen := [name for name, value in modes.items() if value]) > 1:
@@ -182,6 +184,12 @@ mode_options = collected(
         "--list-parts",
         is_flag=True,
         help="Print which parts are finished and which areas are missing; nothing is computed.",
+    ),
+    click.option(
+        "--select",
+        is_flag=True,
+        help="With --passes 2, when all parts are finished: choose the candidates that the second pass evaluates. Then run the "
+        "parts again, and --merge.",
     ),
     click.option(
         "--merge",
@@ -292,6 +300,8 @@ def command(
         return 0
     if mode.part is not None:
         return _run_part(planned, output, run, mode.part)
+    if mode.select:
+        return _select(planned, output, run)
     report = _merge(planned, output, run) if mode.merge else _build(planned, output, run)
     if depfile:
         from lcp_catalog.atomic_files import depfile_rule, write_bytes
@@ -359,7 +369,18 @@ def _build(planned: Planned, output: str, run: Run) -> BuildReport:
 
 
 def _merge(planned: Planned, output: str, run: Run) -> BuildReport:
-    return _run(planned, output, run).merge()
+    if not planned.build.recipe.config.points.two_passes:
+        return _run(planned, output, run).merge()
+    with _computing(run) as update:
+        return _run(planned, output, run, update).merge()
+
+
+def _select(planned: Planned, output: str, run: Run) -> int:
+    left = _run(planned, output, run).select()
+    then = "run the parts again" if left.areas else "nothing is left to evaluate, run --merge"
+    text = f"{left.candidates} candidates of {left.areas} areas are chosen: {then}"
+    say(f"{output}.parts: {text}", "done", candidates=left.candidates, areas=left.areas)
+    return 0
 
 
 def _run_part(planned: Planned, output: str, run: Run, number: tuple[int, int]) -> int:

@@ -67,7 +67,16 @@ GROUPS = {
     ),
     "Fit": ("--c", "--refractive-index", "--polarisation", "--normalize", "--name"),
     "Run": (
-        *("--config", "--jobs", "--memory", "--scheduler", "--part", "--list-parts", "--merge"),
+        *(
+            "--config",
+            "--jobs",
+            "--memory",
+            "--scheduler",
+            "--part",
+            "--list-parts",
+            "--select",
+            "--merge",
+        ),
         *(
             "--resume",
             "--keep-going",

@@ -76,7 +76,8 @@ BUDGETS = {
     # 5 heights whose sigma the build assumes
     # 65 parts that do not read their inputs for a digest
     # 37 places of LOLA's, SLDEM's and NAC maps, and which products have none published
-    "code lines, lcp_catalog": 46805,
+    # 114 two passes in parts
+    "code lines, lcp_catalog": 46919,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -93,7 +94,8 @@ BUDGETS = {
     # 4 what a camera of a query must see
     # 1 import of a room that was divided, 1 commands that begin like a word, 7 silence between tasks
     # 1 places of maps
-    "code lines, cli": 4273,
+    # 28 two passes in parts
+    "code lines, cli": 4301,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -124,9 +126,9 @@ BUDGETS = {
     # 818 the transcript of a first hour
     # 355 what a build's time is made of: stages, bounds, two competitors
     # 161 the trade at 84 N, and what three minutes hold; the sample's plain windows
-    # 92 inputs of parts and when they are read
     # 155 places of maps, with sources
-    "words of docs": 56707,
+    # 92 inputs of parts and when they are read, 112 two passes in parts
+    "words of docs": 56819,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -9,9 +9,9 @@ checksum, the scene plan, the table of the area's candidates with the checksum o
 The areas of several levels lie in one folder, with the number of the level in their names, and while the
 catalogue is written, one of each level beside them.
 
-``run.json`` in the folder names the run too. ``run.lock`` is locked while a run uses the folder: by one
-build, or by any number of parts of the same build. These files, and the folder if nothing else is in
-it, are removed when the catalogue has been written.
+``run.json`` in the folder names the run too, ``chosen.json`` the candidates that parts evaluate in a second pass. ``run.lock``
+is locked while a run uses the folder: by one build, or by any number of parts of the same build. These files, and the folder if
+nothing else is in it, are removed when the catalogue has been written.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ from .finished_area import TABLE, FinishedArea, checksums
 log = logging.getLogger(__name__)
 
 _ENDING = ".parts"
-_LOCK, _NOTE, _AREA = "run.lock", "run.json", ".area"
+_LOCK, _NOTE, _CHOSEN, _AREA = "run.lock", "run.json", "chosen.json", ".area"
 _AREAS = f"r[0-9][0-9][0-9][0-9][0-9]c[0-9][0-9][0-9][0-9][0-9]{_AREA}"
 _PASSES = _AREAS.replace(_AREA, f"[a-z]{_AREA}")
 _OF_LEVEL, _LEVEL = (f"l[0-9][0-9]{_AREAS}", f"l[0-9][0-9]{_PASSES}"), "level[0-9][0-9].h5"
-_KEPT = _AREAS, _PASSES, *_OF_LEVEL, _LEVEL
+_KEPT = _AREAS, _PASSES, *_OF_LEVEL, _LEVEL, _CHOSEN
 """Names of checkpoints (`area_job.AreaJob.name`), also of a level, and of the catalogues of levels; other
 files in the folder are the user's.
 """
@@ -224,6 +224,32 @@ class Checkpoints:
         note |= {"files": self.files, "sums": known_sums()}
         with write_aside(self.folder / _NOTE, overwrite) as path:
             path.write_text(json.dumps(note), encoding="utf-8")
+
+    def write_chosen(self, rounds: Mapping[str, Mapping[str, Index]]) -> None:
+        """Store which candidates of which areas are evaluated in each round of a second pass, for its parts."""
+        text = json.dumps(
+            {
+                step: {name: rows.tolist() for name, rows in of.items()}
+                for step, of in rounds.items()
+            }
+        )
+        note = {"fingerprint": self.fingerprint, "sum": zlib.crc32(text.encode()), "rounds": text}
+        with write_aside(self.folder / _CHOSEN, overwrite=True) as path:
+            path.write_text(json.dumps(note), encoding="utf-8")
+
+    def chosen(self) -> dict[str, dict[str, Index]] | None:
+        """What `write_chosen` stored; None if nothing is stored, or it is damaged or of another run."""
+        try:
+            note = json.loads((self.folder / _CHOSEN).read_text(encoding="utf-8"))
+            text = note["rounds"]
+            if (note["fingerprint"], note["sum"]) != (self.fingerprint, zlib.crc32(text.encode())):
+                return None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+        return {
+            step: {name: np.array(rows, np.int64) for name, rows in of.items()}
+            for step, of in json.loads(text).items()
+        }
 
     def path(self, name: str) -> Path:
         """The file of an area."""

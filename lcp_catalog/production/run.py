@@ -5,7 +5,8 @@ two areas.
 
 Parts are computed by processes without a connection on a shared disk: the tasks of an array job. Part
 K of N computes the areas K, K + N, K + 2 N ... into the checkpoints beside the output, in any order, at
-the same time or not. The merge writes the catalogue, the same as that of one build.
+the same time or not. The merge writes the catalogue, the same as that of one build. Of two passes each is computed in parts;
+between them the choice is made (`BuildRun.select`).
 """
 
 from __future__ import annotations
@@ -13,12 +14,14 @@ from __future__ import annotations
 import logging
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from ..arrays import Index
 from ..atomic_files import are_as_noted, check_output, file_facts, unread_facts
 from ..catalog.stored import StoredFile, stored_catalog
 from ..dem.mosaic import DemSet, warn_of_disagreements
@@ -43,7 +46,7 @@ from .merging import merge_catalogs
 from .promise import PromiseChoice
 from .recipe import InputFiles, Recipe, cells
 from .sweep import Conditions
-from .two_passes import ROUNDS, computed_in_passes
+from .two_passes import ROUNDS, computed_in_passes, known_rounds, with_sites
 from .warm_up import compile_kernels, missing
 from .worker_memory import caches_mb, divided
 
@@ -206,6 +209,13 @@ class PartState:
     missing: tuple[str, ...]
 
 
+class Choice(NamedTuple):
+    """What a `BuildRun.select` leaves to evaluate: candidates, and areas in which they are."""
+
+    candidates: int
+    areas: int
+
+
 def most_poleward(region: Area) -> float:
     """The region's latitude that is nearest to a pole, degrees."""
     return max(region.bounds[1::2], key=abs)
@@ -260,13 +270,83 @@ class BuildRun:
         Raises OutputExistsError while a whole build of the output runs, and if the checkpoints there are
         of a build with other inputs; AreaFailedError for an area that fails.
         """
-        self._require_one_pass()
         check_output(self.output, self.overwrite, self.build.files)
         with self.checkpoints.locked(shared=True):
             self._join(part.count)
-            failed = self._compute(part.share(self.build.jobs))
+            failed = self._compute(self._with_sites(part.share(self.pass_jobs)))
             self.checkpoints.note_sums()
             return failed
+
+    @property
+    def pass_jobs(self) -> list[AreaJob]:
+        """The areas of the pass at which a build in parts is, without their sites: of two passes all until `select` has
+        chosen, then those with chosen candidates.
+        """
+        if not self._two_passes:
+            return list(self.build.jobs)
+        chosen = self.checkpoints.chosen()
+        if chosen is None:
+            return [replace(job, step=FIRST) for job in self.build.jobs]
+        return [
+            replace(job, step=step)
+            for step, areas in chosen.items()
+            for job in self.build.jobs
+            if job.task.name in areas
+        ]
+
+    def _with_sites(self, jobs: Sequence[AreaJob]) -> Sequence[AreaJob]:
+        """Jobs of `pass_jobs` as they are computed. First looks that are damaged are computed again."""
+        chosen = self.checkpoints.chosen() if self._two_passes else None
+        if chosen is None:
+            return jobs
+        jobs = self._missing(jobs)
+        if looks := self._missing([replace(job, step=FIRST) for job in jobs]):
+            self._compute(looks)
+        return [with_sites(job, self.checkpoints, chosen[job.step][job.task.name]) for job in jobs]
+
+    def select(self) -> Choice:
+        """Choose the candidates that the second of two passes evaluates, when all parts have had the first look; after its
+        first round those that replace what failed in it, if there are any. Parts evaluate them when they are run again.
+
+        AreaFailedError if areas are missing, unless ``keep_going`` leaves them out; OutputExistsError while parts are
+        running; ConfigError for a build of one pass.
+        """
+        if not self._two_passes:
+            raise ConfigError(
+                "nothing is chosen between the passes of one: `points.passes` is not 2"
+            )
+        with self._parts_alone():
+            left = self._left([replace(job, step=FIRST) for job in self.build.jobs])
+            rounds: dict[str, dict[str, Index]] = {step: {} for step in ROUNDS}
+            for level in self.build.levels:
+                if jobs := [job for job in level.jobs if job.task.name not in left]:
+                    own = known_rounds(level.recipe, jobs, self.checkpoints, self._missing)
+                    for step, areas in own.items():
+                        rounds[step] |= areas
+            self.checkpoints.write_chosen(rounds)
+            todo = self._missing(self.pass_jobs)
+            return Choice(sum(len(rounds[job.step][job.task.name]) for job in todo), len(todo))
+
+    @contextmanager
+    def _parts_alone(self) -> Iterator[None]:
+        """The folder of the parts, for this process alone."""
+        check_output(self.output, self.overwrite, self.build.files)
+        folder = self.checkpoints.folder
+        if not folder.is_dir():
+            raise AreaFailedError(f"{folder}: no area is computed; run the parts first")
+        with self.checkpoints.locked():
+            self.checkpoints.begin(resume=True)
+            yield
+
+    def _left(self, jobs: Sequence[AreaJob]) -> dict[str, str]:
+        """The causes by which areas are left out, by name: they are missing. AreaFailedError without ``keep_going``."""
+        left = [job.task.name for job in self._missing(jobs)]
+        if left and not self.keep_going:
+            raise AreaFailedError(
+                f"{self.checkpoints.folder}: {len(left)} of {len(jobs)} areas are missing, the first: {left[0]}; run "
+                "their parts again (`list_parts` names them)"
+            )
+        return {name: f"area {name} is not computed" for name in left}
 
     def _join(self, parts: int) -> None:
         try:
@@ -290,11 +370,10 @@ class BuildRun:
         """The states of all parts; of one part that is the whole if none has been started.
         OutputExistsError if the checkpoints beside the output are of a build with other inputs.
         """
-        self._require_one_pass()
         self.checkpoints.require_same_run()
         count = self.checkpoints.parts or 1
         parts = [BuildPart(k + 1, count) for k in range(count)]
-        shares = [(part, part.share(self.build.jobs)) for part in parts]
+        shares = [(part, part.share(self.pass_jobs)) for part in parts]
         return [
             PartState(part, len(share), tuple(job.task.name for job in self._missing(share)))
             for part, share in shares
@@ -304,23 +383,25 @@ class BuildRun:
         """Write the catalogue from the areas that the parts have computed, and remove these.
 
         AreaFailedError if areas are missing, unless ``keep_going`` leaves them out (they are named in the
-        report); OutputExistsError while parts are running.
+        report); OutputExistsError while parts are running. Of two passes the second must be computed, too; what its first
+        round leaves to evaluate is evaluated here unless `select` has given it to the parts.
         """
-        self._require_one_pass()
-        check_output(self.output, self.overwrite, self.build.files)
-        folder = self.checkpoints.folder
-        if not folder.is_dir():
-            raise AreaFailedError(f"{folder}: no area is computed; run the parts first")
-        with self.checkpoints.locked():
-            self.checkpoints.begin(resume=True)
-            left = [job.task.name for job in self._missing(self.build.jobs)]
-            if left and not self.keep_going:
-                raise AreaFailedError(
-                    f"{folder}: {len(left)} of {len(self.build.jobs)} areas are missing, the first: "
-                    f"{left[0]}; run their parts again (`list_parts` names them)"
-                )
+        with self._parts_alone():
+            left = self._left(
+                [replace(job, step=FIRST) for job in self.build.jobs]
+                if self._two_passes
+                else self.build.jobs
+            )
+            if self._two_passes:
+                if self.checkpoints.chosen() is None:
+                    raise AreaFailedError(
+                        f"{self.checkpoints.folder}: only the first of two passes is computed; run `select`, then the "
+                        "parts again"
+                    )
+                self._left(self.pass_jobs)
+                left |= self._in_passes(left)
             self.build.inputs.digest()
-            return self.finish({name: f"area {name} is not computed" for name in left})
+            return self.finish(left)
 
     def finish(self, failed: dict[str, str]) -> BuildReport:
         """Write the catalogue from the checkpoints of all areas but those that failed (causes by name),
@@ -373,19 +454,25 @@ class BuildRun:
                 Assembly(level.recipe, finished, names).write(output, False, lambda: None)
             return Yield.of(stored_catalog(StoredFile.of(output)))
 
-    def _require_one_pass(self) -> None:
-        """ConfigError for a build of two passes, which cannot be computed in parts: the second needs all of the first."""
-        if self.build.recipe.config.points.two_passes:
-            raise ConfigError("`points.passes` 2 cannot be computed in parts; give 1")
+    @property
+    def _two_passes(self) -> bool:
+        return self.build.recipe.config.points.two_passes
 
     def _computed(self) -> dict[str, str]:
         """Compute all areas. Return the causes of those that failed, by name."""
-        if not self.build.recipe.config.points.two_passes or not self._missing(self.build.jobs):
+        if not self._two_passes or not self._missing(self.build.jobs):
             return self._compute(self.build.jobs)
+        return self._in_passes()
+
+    def _in_passes(self, left: Container[str] = ()) -> dict[str, str]:
+        """Compute all areas in two passes but those that are ``left`` out. Return the causes of those that failed, by name."""
         failed: dict[str, str] = {}
         total, done = 2 * len(self.build.jobs), 0
         for level in self.build.levels:
             both = range(done, done + 2 * len(level.jobs))
+            jobs_here = [job for job in level.jobs if job.task.name not in left]
+            if not jobs_here:
+                continue
 
             def compute(jobs: Sequence[AreaJob], both: range = both) -> dict[str, str]:
                 steps = {FIRST: both.start, ROUNDS[0]: both.stop - len(jobs)}
@@ -394,7 +481,7 @@ class BuildRun:
                     jobs, lambda k, _: self.progress(min(before + k, both.stop), total)
                 )
 
-            failed |= computed_in_passes(level.recipe, level.jobs, self.checkpoints, compute)
+            failed |= computed_in_passes(level.recipe, jobs_here, self.checkpoints, compute)
             done = both.stop
         self.progress(total, total)
         return failed

@@ -4,7 +4,7 @@ the chosen ones; what fails is replaced, in a few rounds.
 What each pass leaves of an area is a checkpoint with a letter of its own: that of the first has the table and the sites of
 the candidates, each round's has the table and the records of those that it evaluated. At the end each area has the same
 checkpoint as in a build of one pass, in which candidates that were not evaluated cannot become points. The rounds are
-determined by the tables alone, so an interrupted build goes on with what is there.
+determined by the tables alone, so an interrupted build goes on with what is there, and a build in parts has the same ones.
 """
 
 from __future__ import annotations
@@ -53,11 +53,52 @@ def computed_in_passes(
         wanted = second.wanted()
         if not wanted:
             break
+        second.forget_others(wanted, step)
         lost = compute(second.jobs_of(wanted, step))
         second.note(wanted, step, lost)
         failed |= lost
     second.finish(settled=not wanted)
     return failed
+
+
+def known_rounds(
+    recipe: Recipe,
+    jobs: Sequence[AreaJob],
+    checkpoints: Checkpoints,
+    missing: Callable[[Sequence[AreaJob]], Sequence[AreaJob]],
+) -> dict[str, dict[str, Index]]:
+    """The rounds of the second pass of areas whose first looks are finished: by step the rows of the candidates, by area.
+    The last has ``missing`` areas, or nothing is left to evaluate.
+
+    AreaFailedError for an area that is lost or damaged meanwhile.
+    """
+    second, rounds = _SecondPass(recipe, checkpoints, list(jobs)), {}
+    for step in ROUNDS:
+        wanted = second.wanted()
+        if not wanted:
+            break
+        rounds[step] = wanted
+        second.forget_others(wanted, step)
+        if missing(second.jobs_of(wanted, step)):
+            break
+        second.note(wanted, step, {})
+    return rounds
+
+
+def with_sites(job: AreaJob, checkpoints: Checkpoints, rows: Index) -> AreaJob:
+    """The job of a round with the candidates that it evaluates: rows of the table of its first look."""
+    first = _stored(checkpoints, job.task.name + FIRST)
+    number = np.cumsum(first.table["worth"] > 0) - 1
+    sums = first.table["checksum"][rows]
+    name = job.task.name + FIRST
+    return replace(job, sites=checkpoints.records(name, SITE, first.before, number[rows], sums))
+
+
+def _stored(checkpoints: Checkpoints, name: str) -> StoredArea:
+    found = checkpoints.read(name)
+    if found is None:
+        raise lost_area(checkpoints.path(name))
+    return found
 
 
 def area_in_passes(job: AreaJob) -> AreaResult:
@@ -107,11 +148,23 @@ class _SecondPass:
 
     def jobs_of(self, wanted: dict[str, Index], step: str) -> list[AreaJob]:
         """The jobs that evaluate the wanted candidates."""
-        some = [job for job in self.jobs if job.task.name in wanted]
         return [
-            replace(job, step=step, sites=self._sites(job.task.name, wanted[job.task.name]))
-            for job in some
+            with_sites(replace(job, step=step), self.checkpoints, wanted[job.task.name])
+            for job in self.jobs
+            if job.task.name in wanted
         ]
+
+    def forget_others(self, wanted: dict[str, Index], step: str) -> None:
+        """Remove checkpoints of a round that have other candidates than the wanted: they are of a choice among other areas,
+        before one that had failed was computed.
+        """
+        for name, rows in wanted.items():
+            own = self.checkpoints.read(name + step)
+            first = self._stored(name + FIRST).table[rows]
+            if own is not None and any(
+                not np.array_equal(own.table[at], first[at]) for at in ("lon_deg", "lat_deg")
+            ):
+                self.checkpoints.path(name + step).unlink(missing_ok=True)
 
     def note(self, wanted: dict[str, Index], step: str, failed: dict[str, str]) -> None:
         """Note that the wanted candidates are evaluated, but in areas that failed, which are left out."""
@@ -151,12 +204,6 @@ class _SecondPass:
         plan = ScenePlan.from_json(json.loads(area.plan))
         self.checkpoints.write(name, FinishedArea(table, records, plan, stages))
 
-    def _sites(self, name: str, rows: Index) -> AnyArray:
-        first = self._stored(name + FIRST)
-        number = np.cumsum(first.table["worth"] > 0) - 1
-        sums = first.table["checksum"][rows]
-        return self.checkpoints.records(name + FIRST, SITE, first.before, number[rows], sums)
-
     def _known(self, name: str) -> _Known:
         """What the first pass, or else a round of the second, knows of an area."""
         first = self._stored(name + FIRST)
@@ -170,10 +217,7 @@ class _SecondPass:
         return _Known(table, stages, evaluated, first.plan)
 
     def _stored(self, name: str) -> StoredArea:
-        found = self.checkpoints.read(name)
-        if found is None:
-            raise lost_area(self.checkpoints.path(name))
-        return found
+        return _stored(self.checkpoints, name)
 
 
 @dataclass(frozen=True)

@@ -162,6 +162,23 @@ def test_plan_is_four_lines(
     assert "cast shadows" in capsys.readouterr().out
 
 
+def test_two_passes_in_parts(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The commands of the page, and the bytes of one build."""
+    words = ["build-catalog", DEM, "--config", config, "--passes", "2", "-o"]
+    whole, output = str(tmp_path / "whole.h5"), str(tmp_path / "x.h5")
+    assert run([*words, whole]) == 0
+    for then in ("run the parts again", "run the parts again", "nothing is left to evaluate"):
+        for part in ("1/2", "2/2"):
+            assert run([*words, output, "--part", part, "--jobs", "1"]) == 0
+        capsys.readouterr()
+        assert run([*words, output, "--select"]) == 0
+        assert then in capsys.readouterr().err
+    assert run([*words, output, "--merge", "--jobs", "1"]) == 0
+    assert Path(output).read_bytes() == Path(whole).read_bytes()
+
+
 def test_list_parts_names_missing_areas(
     tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -272,6 +289,13 @@ def test_noise_is_the_sensors(
         ([DEM, "-o", "x.h5", "--view", "30"], 2, "OFF_NADIR:AZIMUTH"),
         ([DEM, "-o", "x.h5", "--jobs", "0"], 2, "--jobs"),
         ([DEM, "-o", "x.h5", "--part", "1/2", "--merge"], 2, "--part and --merge exclude"),
+        ([DEM, "-o", "x.h5", "--select", "--merge"], 2, "--select and --merge exclude"),
+        ([DEM, "-o", "x.h5", "--select", "--gsd", "474"], 2, "--passes is not 2"),
+        (
+            [DEM, "-o", "x.h5", "--select", "--gsd", "474", "--passes", "2"],
+            1,
+            "run the parts first",
+        ),
         ([DEM, "-o", "x.h5", "--part", "3/2"], 2, "from 1 to N"),
         ([DEM, "-o", "x.h5", "--part", "2"], 2, "K/N"),
         ([DEM, "-o", "x.h5", "--merge", "--gsd", "474"], 1, "run the parts first"),

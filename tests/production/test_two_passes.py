@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -254,15 +255,131 @@ def test_an_area_that_fails_in_the_second_pass_is_left_out(
     assert seen[-1] == (2 * len(plan.jobs), 2 * len(plan.jobs))
 
 
-def test_parts_are_refused_in_one_line(tmp_path: Path) -> None:
-    build = BuildRun(Build.plan((DEM,), TWO), tmp_path / "x.h5")
-    for attempt in (lambda: build.part(BuildPart(1, 2)), build.list_parts, build.merge):
-        with pytest.raises(
-            ConfigError, match=r"`points\.passes` 2 cannot be computed in parts"
-        ) as e:
+LEVELS = replace(
+    TWO,
+    area=AreaConfig((3.5, 26.0), 40.0, levels_m=(474.0, 900.0)),
+    points=replace(TWO.points, search_m=None),
+)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("config", [TWO, PROMISED, LEVELS], ids=["spacing", "promise", "levels"])
+def test_parts_give_the_bytes_of_one_build(config: BuildConfig, jobs: int, tmp_path: Path) -> None:
+    plan = Build.plan((DEM,), config)
+    paths = [tmp_path / f"{name}.h5" for name in ("whole", "parts", "once")]
+    BuildRun(plan, paths[0]).whole()
+
+    def parts(output: Path) -> None:
+        for k in (2, 1, 3):
+            assert BuildRun(plan, output, jobs).part(BuildPart(k, 3)) == {}
+
+    for rounds, output in ((3, paths[1]), (1, paths[2])):  # the merge does what is left of one
+        parts(output)
+        for number in range(rounds):
+            left = BuildRun(plan, output, jobs).select()
+            missing = [state.missing for state in BuildRun(plan, output).list_parts()]
+            assert sum(map(len, missing)) == left.areas
+            assert (left.candidates > 0) or number > 0
+            parts(output)
+        BuildRun(plan, output, jobs).merge()
+        assert output.read_bytes() == paths[0].read_bytes()
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+
+
+def test_a_second_choice_gives_the_parts_what_replaces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two parts, or of the merge after one choice: the bytes of one build in which all of the first round fails."""
+
+    def fails_first(job: AreaJob) -> AreaResult:
+        result = run_area(job)
+        if job.step == two_passes.ROUNDS[0]:
+            result.candidates.evaluation.condition[...] &= np.uint8(1)
+        steps.append(job.step)
+        return result
+
+    monkeypatch.setattr(run, "run_area", fails_first)
+    plan, outputs = Build.plan((DEM,), TWO), [tmp_path / f"{k}.h5" for k in range(3)]
+    steps: list[str] = []
+    BuildRun(plan, outputs[0]).whole()
+    for choices, output in ((1, outputs[1]), (2, outputs[2])):
+        for _ in range(choices):
+            for k in (1, 2):
+                BuildRun(plan, output).part(BuildPart(k, 2))
+            assert BuildRun(plan, output).select().areas > 0
+        for k in (1, 2):
+            BuildRun(plan, output).part(BuildPart(k, 2))
+        steps.clear()
+        BuildRun(plan, output).merge()
+        assert set(steps) == set(two_passes.ROUNDS[choices:])
+        assert output.read_bytes() == outputs[0].read_bytes()
+
+
+def test_passes_in_the_wrong_order_are_refused_in_one_line(tmp_path: Path) -> None:
+    plan, output = Build.plan((DEM,), TWO), tmp_path / "x.h5"
+    build = BuildRun(plan, output)
+    areas = len(plan.jobs)
+
+    def refused(attempt: Callable[[], object], match: str) -> None:
+        with pytest.raises(AreaFailedError, match=match) as raised:
             attempt()
-        assert "\n" not in str(e.value)
-    assert not list(tmp_path.iterdir())
+        assert "\n" not in str(raised.value)
+
+    for attempt in (build.select, build.merge):
+        refused(attempt, "no area is computed; run the parts first")
+    build.part(BuildPart(1, 2))
+    for attempt in (build.select, build.merge):
+        refused(attempt, f"{areas - (areas + 1) // 2} of {areas} areas are missing")
+    build.part(BuildPart(2, 2))
+    refused(build.merge, "only the first of two passes is computed; run `select`")
+    left = build.select()
+    refused(build.merge, f"{left.areas} of {left.areas} areas are missing")
+    assert build.select() == left
+    with pytest.raises(ConfigError, match=r"`points\.passes` is not 2"):
+        BuildRun(Build.plan((DEM,), CONFIG), output).select()
+
+
+def test_damaged_files_between_the_passes_are_made_again(tmp_path: Path) -> None:
+    plan, whole, output = Build.plan((DEM,), TWO), tmp_path / "w.h5", tmp_path / "x.h5"
+    BuildRun(plan, whole).whole()
+    build, part = BuildRun(plan, output), BuildPart(1, 1)
+    build.part(part)
+    left = build.select()
+    chosen = build.checkpoints.folder / "chosen.json"
+    good = chosen.read_bytes()
+    for bad in (b"", b"[]", b"{}", good.replace(b"[", b"[0, ", 1), good[:-9]):
+        chosen.write_bytes(bad)
+        assert build.checkpoints.chosen() is None
+        with pytest.raises(AreaFailedError, match="run `select`"):
+            build.merge()
+    assert build.select() == left
+    assert chosen.read_bytes() == good
+    victim = next(iter(build.checkpoints.chosen()["b"]))
+    looked = build.checkpoints.path(victim + FIRST)
+    looked.write_bytes(looked.read_bytes()[:-1])
+    build.part(part)
+    evaluated = build.checkpoints.path(victim + "b")
+    evaluated.write_bytes(evaluated.read_bytes()[:-1])
+    build.part(part)
+    build.merge()
+    assert output.read_bytes() == whole.read_bytes()
+
+
+def test_what_was_evaluated_for_a_choice_without_an_area_is_not_taken(tmp_path: Path) -> None:
+    """An area that was missing when the choice was made changes it, also in the areas beside."""
+    plan, whole, output = Build.plan((DEM,), TWO), tmp_path / "w.h5", tmp_path / "x.h5"
+    BuildRun(plan, whole).whole()
+    build = BuildRun(plan, output, keep_going=True)
+    part = BuildPart(1, 1)
+    build.part(part)
+    for job in plan.jobs[::2]:
+        build.checkpoints.path(job.task.name + FIRST).unlink()
+    build.select()
+    build.part(part)
+    before = {job.task.name for job in plan.jobs} - {job.task.name for job in plan.jobs[::2]}
+    assert set(build.checkpoints.chosen()["b"]) <= before
+    BuildRun(plan, output, resume=True).whole()
+    assert output.read_bytes() == whole.read_bytes()
 
 
 @pytest.mark.parametrize("passes", [0, 3])
