@@ -31,11 +31,11 @@ def in_options(text: str) -> str:
     that are no option of it, only the marks are removed.
     """
     text = text.replace("`sun`", _SUN)
-    return NAMED.sub(lambda found: _option(found[1]) or found[1], text)
+    return NAMED.sub(lambda found: option(found[1]) or found[1], text)
 
 
-def _option(name: str) -> str | None:
-    """The option for a parameter, or a field such as ``points.spacing_m``; None if there is none."""
+def option(name: str) -> str | None:
+    """The option of the running command for a parameter, or a field such as ``points.spacing_m``; None if there is none."""
     if _Running.command is None:
         return None
     options = [one for one in _Running.command.params if isinstance(one, click.Option)]

@@ -9,6 +9,7 @@ import click
 from . import options
 from .files import FileCommand, OutputFile
 from .messages import echo
+from .names import option as option_of
 from .render_options import RenderOptions, render_options
 from .warm_up import compile_missing
 
@@ -72,4 +73,7 @@ def command(
             files[preview] = png(picture(shown))
         write_files(files, overwrite)
     if explain:
-        echo(json.dumps(explained(scene, costs), indent=2))
+        found = explained(scene, costs)
+        for one in found["decisions"]:
+            one["switch"] = one["switch"] and option_of(one["switch"])
+        echo(json.dumps(found, indent=2))

@@ -85,7 +85,7 @@ def _written(folder: str) -> Iterator[Path]:
     default=180.0,
     show_default="180",
     metavar="SECONDS",
-    help="Time after which nothing more is begun; 0: tiers alone.",
+    help="Time after which nothing more is begun, half of it for the tiers; 0: tiers alone, without a limit.",
 )
 @overwrite_option
 def command(

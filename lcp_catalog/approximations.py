@@ -182,9 +182,9 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "one direction per area",
-        "a Sun and a view wrong by the tolerance: 2.0 % of the usable flags at 5 deg of Sun for 0.25 deg, 3.7 % for 0.5 deg (measured, decision 5); no `unshadowed` flag up to 15 deg in `high` and `reference`",
+        "a Sun and a view wrong by the tolerance: 2.3, 0.6 and 0.4 % of the `unshadowed` flags at 5, 10 and 12 deg of Sun in `draft` and `standard`, stated by the plan; none up to 15 deg in `high` and `reference`; nearly proportional to the tolerance (measured, decision 5)",
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
-        effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT",), expected=0.01,
+        effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT", "production.build_decisions.TURNED"), expected=0.01,
         fineness=lambda c: 0.01 * c.model.precision.own_sun_deg - c.model.direction_tolerance_deg,
     ),
     Approximation(
@@ -273,7 +273,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "light by way of other ground",
-        "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 1.0 % of the usable conditions of the sample are others, in 34 times the time (measured, 7bb57269, 2026-11-27)",
+        "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time (measured, ede1714, 7bb57269, 2026-11-27)",
         ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
         effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=30.0, expected=0.01,
         fineness=lambda c: c.model.bounce == "on",

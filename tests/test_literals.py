@@ -89,6 +89,7 @@ LISTED: dict[str, str] = {
         photometry.facet_model 0.008 0.01 0.1 0.43 0.45 0.8 1.5 5 89 100 100 1000
         photometry.hapke_sets 60
         rendering.placement 0.5
+        production.build_decisions 0.0005
         production.config 15 50 50 50 50 270
         production.error_config 0.07 0.08 0.09 0.11 0.9 100 1900
         production.finished_area 0.5

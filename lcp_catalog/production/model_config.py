@@ -53,7 +53,8 @@ class ModelConfig:
         None,
         "Accuracy tier, by the permitted share of nodes with a wrong shadow: draft 0.5 %, standard 0.02 %, high 0, "
         "reference 0 with float64 arithmetic throughout. In high and reference a build also searches for places that "
-        "resemble a point at full resolution everywhere.",
+        "resemble a point at full resolution everywhere, and judges points near the limit of dependence under their own Suns; "
+        "in the others one direction for an area changes about 2.3 % of the unshadowed flags at 5 deg of Sun, 0.6 % at 10 deg.",
         default=DEFAULT_TIER,
         choices=tuple(TIERS),
         replaces=("tolerance",),

@@ -49,6 +49,7 @@ from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep
 from ..terrain.relief_bounds import nodes_enu
 from ..terrain.terrain import Terrain
+from .build_decisions import of_a_build, scattered_of_matches
 from .config import BuildConfig
 
 BANDS_DEG = (12.5, 37.5)
@@ -189,8 +190,10 @@ def plan_area(
         scattered=_scattered(terrain, sun, view, config, choice),
         disc=config.model.sun == SUN_SHAPES[1],
     )
-    own = decisions.of_a_build(
-        config.model.direction_tolerance_deg, config.model.precision.own_sun_deg
+    own = of_a_build(
+        config.model.direction_tolerance_deg,
+        config.model.precision.own_sun_deg,
+        config.sun.elevations_deg,
     )
     angle_rad = max(view_angles_rad(config))
     return replace(
@@ -214,9 +217,10 @@ def _scattered(
     if asked == BOUNCES[1]:
         sample = bounced_sample(terrain, Lighting.of_sun(sun), view.direction, model)
     bound = bounced_bound(terrain.field, model)
-    return decisions.bounced_light(
+    node = decisions.bounced_light(
         asked, decisions.SUN_ALONE, bound, sample, BOUNCE_RMS[tier], SHOWS[tier]
     )
+    return scattered_of_matches(node)
 
 
 def view_range_m(off_nadir_deg: float, altitude_km: float) -> float:

@@ -483,25 +483,6 @@ def bounced_light(
     return Decision(SCATTERED, True, reason, rms * sample.greatest, SCATTERED_UNIT)
 
 
-def of_a_build(direction_tolerance_deg: float, own_sun_deg: float) -> tuple[Decision, ...]:
-    """Decisions that only a build has."""
-    turned = (
-        "Sun and view are those of the area's centre, turned to the point's own north in steps of "
-        "twice the tolerance"
-    )
-    if own_sun_deg:
-        turned += (
-            f"; up to {own_sun_deg:g} deg points near the limit of dependence have their own Sun"
-        )
-    tolerance_deg = direction_tolerance_deg
-    return (
-        Decision(
-            "dependence", True, "exact rays: patch alone, and in terrain", 0.0, "share of nodes"
-        ),
-        Decision("one direction per area", True, turned, tolerance_deg, "deg"),
-    )
-
-
 def sky_light(name: str, share: float, samples: tuple[int, int], rms: float) -> Decision:
     """Decision about the light of a panorama besides its sources; ``share`` of all its light."""
     azimuths, elevations = samples

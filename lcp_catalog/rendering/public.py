@@ -255,9 +255,13 @@ def tags(scene: Scene) -> dict[str, str]:
     return found | ({"albedo": str(scene.request.albedo)} if scene.request.albedo else {})
 
 
+_SWITCHES = SWITCHES | {"relief": "surface", "float width": "model.accuracy"}
+"""The switches of a render, which has more than a build."""
+
+
 def explain(scene: Scene, costs: Mapping[str, float] | None = None) -> dict[str, Any]:
-    """The document of an explained plan: the plan's decisions, each with the field of the configuration that
-    switches it and its share of the time, and the light. ``costs``: `renderer.priced`; None: not measured.
+    """The document of an explained plan: the plan's decisions, each with the parameter or the field of a configuration
+    that switches it and its share of the time, and the light. ``costs``: `renderer.priced`; None: not measured.
     """
     light = scene.light.describe()
     if scene.request.environment is not None:
@@ -265,7 +269,7 @@ def explain(scene: Scene, costs: Mapping[str, float] | None = None) -> dict[str,
     shadows = "solar disc" if scene.plan.solar_disc.modelled else "cast shadows"
     spent = {shadows if name == "cast shadows" else name: s for name, s in (costs or {}).items()}
     decisions = [
-        decision | {"switch": SWITCHES.get(str(effect)), "cost": spent.get(str(effect))}
+        decision | {"switch": _SWITCHES.get(str(effect)), "cost": spent.get(str(effect))}
         for decision in scene.plan.to_json()["decisions"]
         for effect in (decision["effect"],)
     ]

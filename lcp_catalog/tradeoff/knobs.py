@@ -374,7 +374,10 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "build_seconds": found.cpu_s / sample.share + FINISH_S,
         "memory_mb": found.peak_mb,
         "bytes": file_bytes(found.level, points),
-        "sunlit_error_share": found.images.sunlit_error_share if found.images else None,
+        # with light by way of other ground a node in shadow is not black
+        "sunlit_error_share": found.images.sunlit_error_share
+        if found.images and own.model.bounce == config.model.bounce
+        else None,
         "radiance_rmse": found.images.radiance_rmse if found.images else None,
         "points": len(chosen[1].lon_deg),
         "points_lost": lost,

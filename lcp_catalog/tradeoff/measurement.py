@@ -184,35 +184,64 @@ def measure_trade(
     rounds: int = ROUNDS,
     isolated: bool = True,
     progress: Progress = lambda done, total: None,
+    limit_s: float = math.inf,
 ) -> Trade:
     """Compute some areas of a build in every tier and compare them.
 
-    ``isolated``: each tier in a process of its own; otherwise ``memory_mb`` is None. Raises
-    ConfigError for counts below 1, the library's errors of an area, and AreaFailedError if a
+    ``isolated``: each tier in a process of its own; otherwise ``memory_mb`` is None. ``limit_s``: no other area, and
+    then no other round, is begun that would be done after so many seconds, if it takes as long as the one before; one of each
+    is always done. Raises ConfigError for counts below 1, the library's errors of an area, and AreaFailedError if a
     process dies.
     """
     if areas < 1 or rounds < 1:
         raise ConfigError("`areas` and `rounds` must be at least 1")
+    until = time.monotonic() + limit_s
     chosen = [build.jobs[i] for i in spread(build, areas)]
     jobs = [{tier: _in_tier(job, tier) for tier in TIERS} for job in chosen]
     steps = _Steps(progress, total=len(jobs) * (2 + rounds * len(TIERS)) + len(TIERS))
-    with Workers(isolated) as workers:
-        images, picture = _images(workers, jobs, steps)
-        models = _models(workers, jobs, steps)
-        runs = {tier: Runs() for tier in TIERS}
-        for tier, run in runs.items():  # loads kernels, fills the file cache
-            run.base_mb = workers.call(tier, timed_area, jobs[0][tier]).before_mb
+    images, runs = {tier: ImageChanges() for tier in TIERS}, {tier: Runs() for tier in TIERS}
+    pictures: list[ErrorPicture] = []
+    models, done, turns, area_s, round_s = ModelChanges(), 0, 0, 0.0, 0.0
+
+    def timed(workers: Workers, job: dict[str, AreaJob], turn: int) -> None:
+        for tier in _taking_turns(turn):
+            runs[tier].add(job[tier].task.name, workers.call(tier, timed_area, job[tier]))
             steps.one()
-        for turn in range(rounds):
-            for job in jobs:
-                for tier in _taking_turns(turn):
-                    runs[tier].add(job[tier].task.name, workers.call(tier, timed_area, job[tier]))
+
+    with Workers(isolated) as workers:
+        while done < len(jobs) and (not done or time.monotonic() + area_s <= until):
+            job, begun = jobs[done], time.monotonic()
+            pictures += _images(workers, job, images, not done, steps)
+            models.add(workers.call("images", compare_models, job[DEFAULT_TIER]))
+            steps.one()
+            images_s = time.monotonic() - begun
+            if not done:
+                for tier, run in runs.items():  # loads kernels, fills the file cache
+                    run.base_mb = workers.call(tier, timed_area, job[tier]).before_mb
                     steps.one()
+            begun = time.monotonic()
+            timed(workers, job, 0)
+            timed_s = time.monotonic() - begun
+            # images of the first area load kernels, or compile them
+            area_s = timed_s + (images_s if done else timed_s)
+            round_s += timed_s
+            done += 1
+        for turns in range(1, rounds + 1):
+            if turns == rounds or time.monotonic() + round_s > until:
+                break
+            for job in jobs[:done]:
+                timed(workers, job, turns)
+    counts = ("areas", done, len(jobs)), ("rounds", turns, rounds)
     return Trade(
         _rows(build, images, runs, isolated),
-        _compared(build, chosen, rounds, isolated),
-        picture,
+        _compared(build, chosen[:done], turns, isolated),
+        max(pictures, key=lambda one: one.wrong_nodes, default=None),
         models,
+        not_measured={
+            f"accuracy tiers, {of - had} of {of} {what}": "half of the time limit was reached"
+            for what, had, of in counts
+            if had < of
+        },
     )
 
 
@@ -229,8 +258,8 @@ class Budget:
 WORKERS = 2
 """Processes that compute alternatives."""
 
-LIMIT_S = 180.0
-"""Default limit of the time of `measure_all`, seconds."""
+LIMIT_S, TIERS_SHARE = 180.0, 0.5
+"""Default limit of the time, seconds, and the share of it that tiers may take."""
 
 _TRIES = 4
 
@@ -270,7 +299,9 @@ def measure_all(
     measured = Measurement(sample, workers, until - kept_s, setting_s)
     wanted = settings(config)
     done: list[tuple[Setting, dict[str, Any]]] = []
-    missing = {one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced}
+    missing = found.not_measured | {
+        one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced
+    }
     if whole and whole.kept_share is None:
         missing["change of the promise"] = (
             "this build promises nothing (`points.spacing_m`, or `points.per_view` 0)"
@@ -437,31 +468,21 @@ def spread(build: Build, count: int) -> list[int]:
 
 
 def _images(
-    workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps
-) -> tuple[dict[str, ImageChanges], ErrorPicture | None]:
-    """Comparison of all images of the areas; the picture is the one with the most wrong nodes."""
-    totals = {tier: ImageChanges() for tier in TIERS}
-    shown: ErrorPicture | None = None
-    for number, tiers in enumerate(jobs):
-        if not number:
-            # compiles kernels here, not in the processes whose memory is measured
-            workers.call("images", run_area, tiers["draft"])
-        changes, picture = workers.call("images", compare_images, tiers)
-        for tier, change in changes.items():
-            totals[tier].add(change)
-        if picture and (shown is None or picture.wrong_nodes > shown.wrong_nodes):
-            shown = picture
-        steps.one()
-    return totals, shown
-
-
-def _models(workers: Workers, jobs: list[dict[str, AreaJob]], steps: _Steps) -> ModelChanges:
-    """Comparison of the reflectance models on the areas' images, in the default tier."""
-    total = ModelChanges()
-    for tiers in jobs:
-        total.add(workers.call("images", compare_models, tiers[DEFAULT_TIER]))
-        steps.one()
-    return total
+    workers: Workers,
+    job: dict[str, AreaJob],
+    totals: dict[str, ImageChanges],
+    first: bool,
+    steps: _Steps,
+) -> list[ErrorPicture]:
+    """Add the comparison of all images of an area to ``totals``; return its picture where nodes are wrong."""
+    if first:
+        # compiles kernels here, not in the processes whose memory is measured
+        workers.call("images", run_area, job["draft"])
+    changes, picture = workers.call("images", compare_images, job)
+    for tier, change in changes.items():
+        totals[tier].add(change)
+    steps.one()
+    return [picture] if picture else []
 
 
 # -- the table

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 import time
 from collections.abc import Callable
@@ -42,6 +43,7 @@ from .measurement import (
     AREAS,
     LIMIT_S,
     ROUNDS,
+    TIERS_SHARE,
     WORKERS,
     Budget,
     Progress,
@@ -424,7 +426,7 @@ def trade(
         Processor time of the whole build, or share of the conditions changed, for which a configuration is sought; it is
         written to best.toml. At most one of them.
     time_limit_s:
-        Time after which no other alternative is begun; 0: tiers alone.
+        Time after which no other alternative is begun, half of it for the tiers; 0: tiers alone, without a limit.
     overwrite:
         True: replace existing files of the folder.
     progress:
@@ -462,7 +464,8 @@ def trade(
         raise ConfigError(
             "the configuration has several levels, but the tiers are compared on one cell size: give `area.gsd_m`"
         )
-    found = measure_trade(build, areas or len(build.jobs), rounds, isolated, progress)
+    limit_s = TIERS_SHARE * time_limit_s or math.inf
+    found = measure_trade(build, areas or len(build.jobs), rounds, isolated, progress, limit_s)
     if time_limit_s > 0.0:
         budget, workers = Budget(budget_s, max_error), WORKERS if isolated else 0
         found = measure_all(found, build, areas, budget, until, workers, progress)

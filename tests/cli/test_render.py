@@ -262,8 +262,10 @@ def test_explain_beside_an_output(dem, out, capsys):
     costs = {d["effect"]: d.pop("cost") for d in printed["decisions"]}
     switches = {d["effect"]: d.pop("switch") for d in printed["decisions"]}
     assert printed == json.loads(tags["scene_plan"]) | {"light": json.loads(tags["light"])}
-    assert switches["cast shadows"] == "model.accuracy"
-    assert switches["curvature"] is None
+    assert switches["cast shadows"] == switches["float width"] == "--accuracy"
+    assert (switches["solar disc"], switches["perspective"]) == ("--sun", "--altitude")
+    assert (switches["scattered light"], switches["relief"]) == ("--bounce", "--surface")
+    assert switches["curvature"] is switches["terrain beyond the area"] is None
     known = [cost for cost in costs.values() if cost is not None]
     assert costs["cast shadows"] > 0.0 < costs["reflectance"]
     assert sum(known) <= 1.0

@@ -19,6 +19,7 @@ from lcp_catalog.light.bounced_light import bounced_bound
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production import sweep as module
 from lcp_catalog.production.area_job import area_sweep
+from lcp_catalog.production.build_decisions import of_a_build
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.point_config import PointConfig
@@ -162,6 +163,7 @@ def test_the_plan_of_an_area_is_a_renders_under_its_lowest_sun_and_view() -> Non
         # the cost of the reflectance model is that of the whole build, not of one image
         if decision.effect not in ("perspective", "reflectance", "solar disc", "scattered light"):
             assert there.error_bound == decision.error_bound
+    assert "0.4 to 1.0 % of the usable conditions" in found["scattered light"].reason
     bound = bounced_bound(terrain.field, law_of_build(CONFIG, 26.0).model)
     assert found["scattered light"].error_bound == bound > 0.0
     # a single node is dark or lit; matches shift by what was measured, not below 0.5 deg
@@ -217,3 +219,33 @@ def test_terrain_beyond_the_configured_limit_is_stated() -> None:
     assert whole.error_bound == 0.0
     assert cut.error_bound > 5.0  # the highest terrain of the Moon, 40 km away
     assert "more than 40 km away" in cut.reason
+
+
+@pytest.mark.parametrize(
+    ("tolerance_deg", "own_deg", "suns_deg", "said"),
+    [
+        (0.5, 0.0, (5.0, 10.0), "about 2.3% of the unshadowed flags at 5 deg"),
+        (0.5, 0.0, (5.0, 10.0), "at most 0.5% with own Suns up to 12 deg"),
+        (1.0, 0.0, (5.0, 10.0), "about 4.6% of the unshadowed flags at 5 deg"),
+        (0.25, 0.0, (5.0, 10.0), "own Suns up to 7 deg"),
+        (0.5, 7.0, (5.0, 10.0), "about 0.6% of the unshadowed flags at 10 deg"),
+        (0.5, 12.0, (5.0, 10.0), "there no unshadowed flag is another"),
+    ],
+)
+def test_a_plan_says_what_one_direction_changes_at_the_lowest_sun(
+    tolerance_deg: float, own_deg: float, suns_deg: tuple[float, ...], said: str
+) -> None:
+    """The measured shares, proportional to the tolerance, of the lowest Sun that is not a point's own."""
+    decision = of_a_build(tolerance_deg, own_deg, suns_deg)[1]
+    assert (decision.effect, decision.error_bound) == ("one direction per area", tolerance_deg)
+    assert said in decision.reason
+    enough = own_deg == 12.0 or suns_deg[0] >= 12.0
+    assert ("are others" in decision.reason) != enough
+    assert "are others" not in of_a_build(tolerance_deg, own_deg, (60.0,))[1].reason
+
+
+def test_tiers_with_own_suns_change_no_flag() -> None:
+    """`high` and `reference` have them up to the elevation from which one direction changes at most 0.5 %."""
+    for tier in TIERS.values():
+        said = of_a_build(0.5, tier.own_sun_deg, (4.0, 5.0, 10.0, 15.0))[1].reason
+        assert ("are others" in said) == (tier.tier in ("draft", "standard"))

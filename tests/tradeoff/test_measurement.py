@@ -105,7 +105,7 @@ def test_seconds_are_medians_and_tiers_take_turns(
         return TimedArea(seconds, seconds / 2.0, empty, 1.0, float(len(calls)))
 
     monkeypatch.setattr(measurement, "timed_area", stand_in)
-    monkeypatch.setattr(measurement, "_images", lambda *_: ({t: image_errors.ImageChanges() for t in TIERS}, None))  # fmt: skip
+    monkeypatch.setattr(measurement, "_images", lambda *_: [])
     trade = measure_trade(build, areas=2, rounds=3, isolated=False)
     assert (trade.compared["areas"], trade.compared["rounds"]) == (2, 3)
     rows = trade.tiers
@@ -114,6 +114,45 @@ def test_seconds_are_medians_and_tiers_take_turns(
     assert [row["seconds_relative"] for row in rows] == [0.5, 1.0, 1.0, 1.0]
     firsts = [tier for _, tier in calls[4::8]]
     assert firsts == ["draft", "standard", "high"]
+
+
+def test_the_time_limit_ends_areas_and_then_rounds(
+    build: Build, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A clock that a run of a tier sets forward by 1 s, images by 4 s: 20 s for the first area with its untimed runs, 8 s for
+    every other one, 8 s for another round of two areas.
+    """
+    clock = [0.0]
+    empty = Candidates(*candidates([], []))
+
+    def run(job: Any) -> Any:
+        clock[0] += 1.0
+        return TimedArea(1.0, 1.0, empty, 1.0, 1.0)
+
+    def images(*_: Any) -> list[Any]:
+        clock[0] += 12.0 if clock[0] == 0.0 else 4.0
+        return []
+
+    monkeypatch.setattr(measurement, "timed_area", run)
+    monkeypatch.setattr(measurement, "_images", images)
+    monkeypatch.setattr(measurement, "compare_models", lambda job: image_errors.ModelChanges())
+    monkeypatch.setattr(measurement.time, "monotonic", lambda: clock[0])
+
+    def done(limit_s: float, areas: int = 2) -> tuple[int, int, list[str]]:
+        clock[0] = 0.0
+        found = measure_trade(build, areas, 3, isolated=False, limit_s=limit_s)
+        took = found.compared
+        assert len(took["area_names"]) == took["areas"]
+        assert [row["cpu_seconds"] for row in found.tiers] == [took["areas"]] * len(TIERS)
+        return took["areas"], took["rounds"], list(found.not_measured)
+
+    areas, rounds = "accuracy tiers, 1 of 2 areas", "accuracy tiers, {} of 3 rounds"
+    assert done(0.0) == (1, 1, [areas, rounds.format(2)])
+    assert done(27.0) == (1, 2, [areas, rounds.format(1)])
+    assert done(28.0) == (2, 1, [rounds.format(2)])
+    assert done(36.0) == (2, 2, [rounds.format(1)])
+    assert done(44.0) == (2, 3, [])
+    assert done(36.0, 3) == (3, 1, [rounds.format(2)])
 
 
 def test_counts_below_one_are_refused(build: Build) -> None:
