@@ -37,6 +37,7 @@ ASKED = {
         "errors.moving_share",
         "errors.contrast_power",
         "errors.position_sigma_cells",
+        "errors.detection_shift",
     ),
 }
 

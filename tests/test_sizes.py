@@ -78,7 +78,8 @@ BUDGETS = {
     # 37 places of LOLA's, SLDEM's and NAC maps, and which products have none published
     # 114 two passes in parts
     # 34 a time limit for tiers, 35 what a plan says that one direction and scattered light change
-    "code lines, lcp_catalog": 46988,
+    # 36 a shift of detection probabilities by kind of images
+    "code lines, lcp_catalog": 47024,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -130,7 +131,8 @@ BUDGETS = {
     # 161 the trade at 84 N, and what three minutes hold; the sample's plain windows
     # 155 places of maps, with sources
     # 92 inputs of parts and when they are read, 112 two passes in parts
-    "words of docs": 56819,
+    # 32 a shift of detection probabilities
+    "words of docs": 56851,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -123,9 +123,14 @@ def highest_probability(found: Array) -> Array:
     """Probability that the true place has the highest correlation, whatever the search makes of it, where that it is found
     is claimed with ``found``, between 0 and 1: `_PROBITS_OF_SEARCH` more.
     """
+    return shifted(found, _PROBITS_OF_SEARCH)
+
+
+def shifted(probability: Array, probits: float) -> Array:
+    """Probabilities (n,) moved by so many probits; 0 and 1 stay."""
     from scipy.special import ndtr, ndtri
 
-    return np.asarray(ndtr(ndtri(np.asarray(found, np.float64)) + _PROBITS_OF_SEARCH))
+    return np.asarray(ndtr(ndtri(np.asarray(probability, np.float64)) + probits))
 
 
 def least_rival(

@@ -54,7 +54,8 @@ class ErrorModel:
     in cells, at grazing light, of the shift that shadows below a cell give all points of an image
     along the Sun's azimuth (`matching.pose`). ``moving_share``, ``contrast_power``: the part of a
     match's covariance in this noise that displaces matches (`moving`). ``position_sigma_cells``: least
-    error of a patch's place, in cells (`place_sigma_m`).
+    error of a patch's place, in cells (`place_sigma_m`). ``detection_shift``: probits that a kind of images adds
+    to the probability to find a patch in this noise; the only figure that may be below 0.
     """
 
     sensor_noise: float = 0.02
@@ -68,11 +69,14 @@ class ErrorModel:
     moving_share: float = 1.0
     contrast_power: float = 0.0
     position_sigma_cells: float = 0.0
+    detection_shift: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
-            if not 0.0 <= value < math.inf:
-                raise ConfigError(f"`errors.{name}` must be 0 or above, not {value}")
+            signed = name == "detection_shift"
+            if not (signed or value >= 0.0) or not math.isfinite(value):
+                limits = "a finite number" if signed else "0 or above"
+                raise ConfigError(f"`errors.{name}` must be {limits}, not {value}")
         for name in ("height_length_m", "albedo_length_m"):
             if getattr(self, name) <= 0.0:
                 raise ConfigError(f"`errors.{name}` must be above 0")

@@ -65,6 +65,12 @@ class ErrorConfig:
         0.9,
         "That part grows as the albedo's local contrast, to twice this power; 0 for such simulated images.",
     )
+    detection_shift: float = meant(
+        0.0,
+        "Probits that a kind of images adds to the probability to find a patch; fitted to the claims of a catalogue.",
+        least=-3.0,
+        most=3.0,
+    )
 
     def __post_init__(self) -> None:
         check_fields(self, "errors")

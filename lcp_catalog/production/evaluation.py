@@ -28,6 +28,7 @@ from ..landmarks.detection import (
     detection_probability,
     least_rival,
     settling_probability,
+    shifted,
     top_probability,
 )
 from ..landmarks.error_model import ErrorModel, PatchErrors
@@ -406,7 +407,9 @@ class _Judge:
         images = SearchImages.of(patches.radiance, patches.size)
         false_match = points.min_detection if scale == 1 else math.inf
         whole = self.whole_search or searched_exactly(patches.size, search)
-        chances = _chances(match, images, patches, search, false_match, points, exact=whole)
+        model = self.errors.models[0]
+        shift = model.detection_shift
+        chances = _chances(match, images, patches, search, false_match, points, shift, exact=whole)
         below, above = points.search_doubt or SEARCH_DOUBT
         doubt = chances.detection - points.min_detection
         again = np.flatnonzero((doubt > -below) & (doubt < above))
@@ -418,12 +421,12 @@ class _Judge:
                 search,
                 false_match,
                 points,
+                shift,
                 exact=True,
             )
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
-        model = self.errors.models[0]
         place = model.place_sigma_m(np.array(self.gsd_m)) ** 2 * np.eye(2)
         moved = model.moving(self.light.contrast)[items.candidate, None, None]
         covariance = moved * match.covariance_px2 + bias[:, :, None] * bias[:, None]
@@ -474,10 +477,12 @@ def _chances(
     search: int,
     false_match: float,
     points: PointConfig,
+    shift: float,
     exact: bool,
 ) -> _Chances:
     """The probabilities of patches of images in a search of +-``search`` pixels; that of a false match
-    only for patches that are found with at least the probability ``false_match``, else it may be NaN.
+    only for patches that are found with at least the probability ``false_match``, else it may be NaN. ``shift``: probits
+    that are added to the first two (`ErrorModel.detection_shift`).
     """
     items = patches.items
     nodes = points.spread_nodes or SPREAD_NODES
@@ -492,13 +497,16 @@ def _chances(
         others.contrast / unit,
         match.own,
         _given(points.least_correlation, LEAST_CORRELATION),
-        third_from=false_match,
+        third_from=float(shifted(np.array(false_match), -shift)) if false_match < 1.0 else 1.0,
         clear_by=_CLEARANCE,
         spread_nodes=nodes,
     )
     on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
+    found = detection * on_top * settling_probability(match)
+    if shift:
+        found, located = shifted(found, shift), shifted(located, shift)
     return _Chances(
-        detection * on_top * settling_probability(match),
+        found,
         located,
         1.0 - unique * on_top,
         np.fmax(others.correlation[:, 0], -1.0),

@@ -443,7 +443,7 @@ def _residuals(
 def _fitted(images: Sequence[_Done], catalog: Catalog) -> tuple[FittedErrors, ...]:
     """The error models of the kinds of images; ImageError for too few points."""
     used = [
-        (one.image.facts.sensor, one.image.facts.name, one.residuals)
+        (one.image.facts.sensor, one.image.facts.name, one.residuals, one.image.claims)
         for one in images
         if one.residuals is not None
     ]

@@ -222,8 +222,12 @@ def test_the_mean_over_a_pixel_widens_a_field(length, worst):
 def test_values_go_through_dictionaries_and_bad_ones_are_refused():
     other = MODEL.to_dict() | {"min_detection": 0.9}
     assert ErrorModel.from_dict(other) == MODEL
+    below = dataclasses.replace(MODEL, detection_shift=-0.1)  # the only one of two signs
+    assert ErrorModel.from_dict(below.to_dict()) == below
     for name in MODEL.to_dict():
-        for bad in (-0.1, math.inf, math.nan):
+        for bad in (
+            (math.inf, math.nan) if name == "detection_shift" else (-0.1, math.inf, math.nan)
+        ):
             with pytest.raises(ConfigError, match=rf"`errors\.{name}` must be"):
                 dataclasses.replace(MODEL, **{name: bad})
     for name in ("height_length_m", "albedo_length_m"):
