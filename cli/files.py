@@ -113,7 +113,7 @@ class FileCommand(click.Command):
         refuse_same_files(ctx)
         _refuse_endings(ctx)
         _refuse_names_for_make(ctx)
-        read = list(dict.fromkeys(path for _, path in _files(ctx, "inputs")))
+        read = list(dict.fromkeys(path for _, path in _inputs(ctx)))
         name = ctx.command_path.partition(" ")[2]
         rule = self._rule(ctx)
         began = time.perf_counter()
@@ -207,7 +207,7 @@ def refuse_same_files(ctx: click.Context) -> None:
     for number, (name, path) in enumerate(outputs):
         _refuse(name, path, outputs[:number])
     if outputs:
-        read = _files(ctx, "inputs")
+        read = _inputs(ctx)
         for name, path in outputs:
             _refuse(name, path, read)
 
@@ -225,8 +225,16 @@ def _refuse_names_for_make(ctx: click.Context) -> None:
     if ctx.params.get("depfile"):
         from lcp_catalog.atomic_files import depfile_rule
 
-        names = (path for kind in ("inputs", "outputs") for _, path in _files(ctx, kind))
+        names = (path for _, path in [*_inputs(ctx), *_files(ctx, "outputs")])
         depfile_rule("target", names)
+
+
+def _inputs(ctx: click.Context) -> list[tuple[str, Path]]:
+    """Every file that the command reads; found once, since an index or a VRT is opened for it."""
+    found: list[tuple[str, Path]] = ctx.meta.setdefault("lcp.inputs", [])
+    if not found:
+        found += _files(ctx, "inputs")
+    return found
 
 
 def _files(ctx: click.Context, kind: str) -> list[tuple[str, Path]]:

@@ -98,7 +98,8 @@ BUDGETS = {
     # 1 places of maps
     # 28 two passes in parts
     # 4 switches of a render as its options
-    "code lines, cli": 4305,
+    # 5 inputs that are listed once
+    "code lines, cli": 4310,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
