@@ -40,6 +40,17 @@ def cluster() -> Iterator[LocalCluster]:
         yield made
 
 
+@pytest.fixture(autouse=True)
+def workers(cluster: LocalCluster) -> None:
+    """Both workers, also after a test that has killed some: dask gives one up that does not start in time on a loaded
+    machine, and a build waits for ever.
+    """
+    if len(cluster.scheduler.workers) < 2:
+        cluster.scale(0)
+        cluster.scale(2)
+    cluster.get_client().wait_for_workers(2, timeout=120)
+
+
 def first_line(path: Path) -> str:
     return path.read_text().splitlines()[0]
 
