@@ -262,8 +262,11 @@ LEVELS = replace(
 )
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.parametrize("config", [TWO, PROMISED, LEVELS], ids=["spacing", "promise", "levels"])
+@pytest.mark.parametrize(
+    ("config", "jobs"),
+    [(TWO, 1), (TWO, 2), (PROMISED, 2), (LEVELS, 1)],
+    ids=["spacing", "spacing-2", "promise-2", "levels"],
+)
 def test_parts_give_the_bytes_of_one_build(config: BuildConfig, jobs: int, tmp_path: Path) -> None:
     plan = Build.plan((DEM,), config)
     paths = [tmp_path / f"{name}.h5" for name in ("whole", "parts", "once")]
