@@ -32,7 +32,8 @@ BUDGETS = {
     # 393 which matcher survives which Sun: six others (97), scenes, tables and the picture
     # 80 a render beside an Embree script
     # 261 the strong pipeline: half-resolution search and probabilities by numba
-    "code lines, benchmarks": 5658,
+    # 6 calls that fail one by one, or with some errors
+    "code lines, benchmarks": 5664,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -79,7 +80,8 @@ BUDGETS = {
     # 114 two passes in parts
     # 34 a time limit for tiers, 35 what a plan says that one direction and scattered light change
     # 36 a shift of detection probabilities by kind of images
-    "code lines, lcp_catalog": 47024,
+    # 155 merged ground that lies elsewhere or higher
+    "code lines, lcp_catalog": 47179,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -133,7 +135,8 @@ BUDGETS = {
     # 155 places of maps, with sources
     # 32 a shift of detection probabilities
     # 92 inputs of parts and when they are read, 112 two passes in parts, 168 on four regions
-    "words of docs": 57017,
+    # 54 which ground is not merged
+    "words of docs": 57071,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -1,6 +1,7 @@
 """Every system call on the files of a command fails once.
 
-    python -m benchmarks.faults calls [--only NAME...] [--kinds KIND...] [--spread N] [--malloc 300] [--jobs 2]
+    python -m benchmarks.faults calls [--only NAME...] [--kinds KIND...] [--errors ERROR...] [--alone] [--spread N] [--malloc 300]
+        [--jobs 2]
 
 For each command of `lcp` on small inputs, each kind of call (`failing.KINDS`) and each call of it: the call fails
 in a run of the command. Afterwards the inputs must be as they were; the output must not be there, or be the
@@ -54,6 +55,10 @@ def main(words: Sequence[str]) -> int:
         metavar="N",
         help="at most N calls of each kind and error, spread evenly; default: all",
     )
+    errors = sorted({error for kinds in failing.KINDS.values() for error, _ in kinds})
+    parser.add_argument("--errors", nargs="+", choices=errors, default=errors)
+    alone = "interrupted and half calls fail one by one, not first all at once"
+    parser.add_argument("--alone", action="store_true", help=alone)
     malloc = "calls for memory that fail, of each command"
     parser.add_argument("--malloc", type=int, default=300, metavar="N", help=malloc)
     parser.add_argument("--jobs", type=int, default=2, help="commands that are tried at once")
@@ -136,7 +141,8 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
             trial = trial.over_old()
         calls, faults = trial.calls(attempts, memory), list[failing.Fault]()
         for fault in _kinds(calls, given, old):
-            if fault.how in failing.ALONE and trial.outcome(attempts, fault)[0] == "whole":
+            at_once = fault.how in failing.ALONE and not given.alone
+            if at_once and trial.outcome(attempts, fault)[0] == "whole":
                 found[fault.kind]["whole"] += calls[fault.kind]
             else:
                 faults += _each(calls, fault, given)
@@ -180,7 +186,8 @@ def _kinds(
     """Of each kind of call that is made, and each error, the first fault."""
     for kind in given.kinds:
         if calls[kind] and not (old and kind not in CHANGING):
-            yield from (failing.Fault(kind, 1, *how) for how in failing.KINDS[kind])
+            errors = (one for one in failing.KINDS[kind] if one[0] in given.errors)
+            yield from (failing.Fault(kind, 1, *how) for how in errors)
 
 
 def _each(
