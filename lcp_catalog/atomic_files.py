@@ -7,6 +7,7 @@ import ctypes
 import errno
 import hashlib
 import itertools
+import logging
 import os
 import re
 import shutil
@@ -21,6 +22,8 @@ from typing import Any, cast
 from .choices import same_format
 from .errors import ConfigError, OutputError, OutputExistsError, printable, unread
 from .remote_files import archive_of, server_state, url_of
+
+log = logging.getLogger(__name__)
 
 try:
     import fcntl
@@ -445,7 +448,12 @@ def _is_as_noted(path: Path, noted: Any) -> bool:
     if noted["state"] == list(_settled(_local_state(path))):
         return True
     sums = [one[-1] for one in known_sums() if one[:-1] == noted["state"]]
-    return bool(sums) and content_of(_facts(path)) == sums[0]
+    if not sums:
+        log.warning(
+            "%s: was written or touched before its content was noted: it may be another", path
+        )
+        return False
+    return content_of(_facts(path)) == sums[0]
 
 
 def sum_in_state(state: tuple[int | str, ...]) -> str | None:

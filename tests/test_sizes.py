@@ -77,11 +77,11 @@ BUDGETS = {
     # 5 heights whose sigma the build assumes
     # 65 parts that do not read their inputs for a digest
     # 37 places of LOLA's, SLDEM's and NAC maps, and which products have none published
-    # 114 two passes in parts
+    # 114 two passes in parts, 7 touched inputs
     # 34 a time limit for tiers, 35 what a plan says that one direction and scattered light change
     # 36 a shift of detection probabilities by kind of images
     # 155 merged ground that lies elsewhere or higher
-    "code lines, lcp_catalog": 47179,
+    "code lines, lcp_catalog": 47186,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -134,9 +134,9 @@ BUDGETS = {
     # 161 the trade at 84 N, and what three minutes hold; the sample's plain windows
     # 155 places of maps, with sources
     # 32 a shift of detection probabilities
-    # 92 inputs of parts and when they are read, 112 two passes in parts, 168 on four regions
     # 54 which ground is not merged
-    "words of docs": 57071,
+    # 92 inputs of parts and when they are read, 112 two passes in parts, 168 on four regions, 17 the strong pipeline at 118 m
+    "words of docs": 57088,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -95,7 +95,7 @@ def test_short_parts_read_no_input_for_its_sum(dem: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_file_that_is_written_before_its_content_was_noted_is_another(
-    whole: bool, dem: Path, monkeypatch: pytest.MonkeyPatch
+    whole: bool, dem: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with monkeypatch.context() as patch:
         compute_nothing(patch, reads=False)
@@ -105,6 +105,7 @@ def test_a_file_that_is_written_before_its_content_was_noted_is_another(
     later = BuildRun(Build.plan((dem,), CONFIG), dem.with_name("c.h5"), resume=True)
     with pytest.raises(OutputExistsError, match="content of the files"):
         later.whole() if whole else later.merge()
+    assert f"{dem}: was written or touched before its content was noted" in caplog.text
 
 
 def test_a_whole_build_goes_on_with_parts_that_did_not_read(
