@@ -47,7 +47,9 @@ TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 
 FAR_TURNS_DEG = ((90.0, 0.0), (-90.0, 0.0), (180.0, 0.0))
 """Suns that are tried where few of the searched points agree: brightness that the map knows is alike under every Sun, and a
-quarter of the points agree on a place some cells off under one that is turned by 120 to 180 deg.
+quarter of the points agree on a place some cells off under one that is turned by 120 to 180 deg. Half of the points must
+correlate better under the stated Sun than under each: of 9 maps above 45 deg 68 to 100 % did under the right Sun, 0 to 33 %
+against the best of the far ones where it was turned by 120 deg.
 """
 
 LEAST_ELEVATION_DEG = 1.0
@@ -124,12 +126,12 @@ class SunCheck:
 
     @property
     def preferred(self) -> int | None:
-        """Index of the Sun that a significant majority of the points prefers, the one with the
+        """Index of the Sun that a significant majority of the points prefers, of far Suns half of them, the one with the
         largest gain; None if there is none.
         """
         if self.points < _FEWEST:
             return None
-        most = _majority(self.independent)
+        most = 0.5 if self.turns_deg == FAR_TURNS_DEG else _majority(self.independent)
         some = [k for k, share in enumerate(self.shares) if share > most and self.gains[k] > 0.0]
         return max(some, key=lambda k: self.gains[k]) if some else None
 
@@ -140,10 +142,10 @@ class SunCheck:
 
     @property
     def outdone(self) -> bool:
-        """True if the preferred Sun gains more than `LEAST_GAIN`."""
+        """True if the preferred Sun gains more than `LEAST_GAIN`; of far Suns, if there is one."""
         best = self.preferred
-        if best is None:
-            return False
+        if best is None or self.turns_deg == FAR_TURNS_DEG:
+            return best is not None
         gain, gain_z = LEAST_GAIN[0 if self.turns_deg[best][0] else 1]
         return self.correlations[best] - self.correlation > gain or self.gains[best] > gain_z
 

@@ -518,6 +518,27 @@ def test_where_few_agree_far_suns_are_tried(
     assert ("turned by -90 deg" in answer.reason) == (verdict == CANNOT_SAY)
 
 
+def test_the_sun_is_held_against_all_points_that_agree(
+    points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of high Suns few are usable, and few say little about the Sun; the pose is solved with those."""
+    claims, asked = PointClaims.of, []
+
+    def some_usable(catalog: Catalog, rows: np.ndarray, *how: object) -> PointClaims:
+        known = np.full(len(rows), 0.6)
+        return replace(claims(catalog, rows, *how), probability=known, usable=rows % 3 == 0)
+
+    def check(*how: Any) -> SunCheck:
+        asked.append(len(how[3]))
+        return light(0.1)
+
+    monkeypatch.setattr(PointClaims, "of", some_usable)
+    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", check)
+    answer = locate(points, believed(photo, 3), UNCERTAIN, LAW, WHOLE)
+    assert asked == [answer.matches.found.sum()]
+    assert answer.pose.used.sum() < 0.5 * asked[0]
+
+
 @pytest.mark.parametrize("turn", [0.0, 120.0, 180.0, -135.0])
 def test_a_sun_is_told_from_far_ones(points: Catalog, photo: Image, turn: float) -> None:
     rows = points_in_view(points, photo.sensor)

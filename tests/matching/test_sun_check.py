@@ -18,6 +18,7 @@ from helpers.twins_match import catalog_of_patches
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.sun_check import (
+    FAR_TURNS_DEG,
     TURNS_DEG,
     SunCheck,
     best_turn,
@@ -44,6 +45,16 @@ def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
     assert light(0.95).complaint == (
         "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
     )
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.49, True), (0.51, False)])
+def test_half_of_the_points_under_a_far_sun_refuse_the_stated_one(share: float, fits: bool) -> None:
+    """However little they gain: near Suns need a majority and a gain."""
+    near = light(share, points=12, gain=0.01, gain_z=0.01)
+    far = replace(near, turns_deg=FAR_TURNS_DEG)
+    assert near.fits
+    assert far.fits == fits
+    assert ("12 points correlate better under one turned by -90 deg" in far.complaint) != fits
 
 
 @pytest.mark.parametrize(
