@@ -121,6 +121,15 @@ class DemSet:
                 "least 2 x 2: give the whole DEM"
             )
 
+    def require_patch(self, nodes: int, cell_m: float) -> None:
+        """DemError for a single file that is narrower than a patch of ``nodes`` cells, so that it can hold no point."""
+        grid, side_m = self.dems[0].grid, nodes * cell_m
+        if len(self.dems) == 1 and min(grid.width, grid.height) * grid.pixel_m < side_m:
+            raise DemError(
+                f"{self.dems[0].path.name}: has {grid.height} x {grid.width} heights (rows x columns) of {grid.pixel_m:.4g} m; "
+                f"a patch takes {nodes} x {nodes} cells of {cell_m:.4g} m: give a larger DEM, or fewer `points.patch_nodes`"
+            )
+
     def for_cells(self, cell_m: float) -> DemSet:
         """The same files for distant terrain on cells of a width: of sufficiently fine products the
         coarsest, which needs the least reading.

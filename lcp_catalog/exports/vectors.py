@@ -6,7 +6,10 @@ closed along the pole's edge of the map.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import json
+import sqlite3
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -157,12 +160,31 @@ def write_geopackage(points: ExportedPoints, path: Path) -> None:
                     layer_metadata=about,
                     dataset_metadata=about if first else None,
                 )
+        for file in files:
+            _name_authority(file)
 
     try:
         with warnings.catch_warnings(action="ignore"):  # GDAL's, of what `write_checked` finds
             write_checked(write, path)
     finally:
         pyogrio.set_gdal_config_options(before)
+
+
+def _name_authority(package: Path) -> None:
+    """Name the authority of the lunar CRS in its definition as PROJ and QGIS look it up: GDAL cuts ``IAU_2015`` in WKT 1 to
+    ``IAU``, of which they know no code. OSError if it cannot be written.
+    """
+    try:
+        with contextlib.closing(sqlite3.connect(package)) as tables:
+            tables.execute("PRAGMA synchronous = OFF")
+            tables.execute("PRAGMA journal_mode = MEMORY")
+            tables.execute(
+                "UPDATE gpkg_spatial_ref_sys SET definition = replace(definition, ?, ?)",
+                ('AUTHORITY["IAU",', 'AUTHORITY["IAU_2015",'),
+            )
+            tables.commit()
+    except sqlite3.Error as error:
+        raise OSError(errno.EIO, str(error)) from error
 
 
 def write_geojson(points: ExportedPoints, path: Path) -> None:

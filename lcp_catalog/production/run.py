@@ -129,6 +129,7 @@ class Build:
         if config.area.region is not None:
             warn_of_region(dems, region, config.area.gsd_m)
         chosen = cells(config, dems, region)
+        dems.require_patch(config.points.patch_nodes, chosen[0].gsd_m)
         recipe = Recipe.of(config.at_cell(chosen[0].gsd_m), dems, region, inputs)
         levels = tuple(
             Level.plan(recipe.at_cell(cell.gsd_m), cell, memory_gb, k if len(chosen) > 1 else None)

@@ -78,9 +78,12 @@ def require_visible(scene: Scene, result: Rendering) -> Rendering:
         camera = scene.view.sensor
         if scene.view.camera and scene.request.area is None and scene.request.dems is None:
             raise sees_nothing(scene.view.camera)
-        raise CameraError(
-            f"{camera.name if camera else 'the view'}: the camera sees nothing of the area"
-        )
+        if camera is None:
+            raise CameraError(
+                "the view: no ground to see: no node of the area lies among heights of the DEM on all sides; give a larger "
+                "area or a larger DEM"
+            )
+        raise CameraError(f"{camera.name}: the camera sees nothing of the area")
     seen = np.asarray(result.visible, dtype=np.bool_)
     if seen.any() and not np.any(result.radiance[seen] > 0.0):
         first = scene.light.first

@@ -162,6 +162,8 @@ def _percent(power: int) -> str:
 def knobs_chart(rows: list[Row]) -> Markup:
     """Plot of the changed conditions of every row over its time, with the Pareto front."""
     some = [r for r in rows if r["conditions_changed_share"] is not None]
+    if not some:  # areas without candidates
+        return Markup()
     low, high = _time_limits([r["seconds_relative"] for r in some])
     decades = _decades([s for r in some if (s := r["conditions_changed_share"]) > 0.0])
     powers = range(decades[0], decades[1] + 1)
@@ -181,17 +183,24 @@ def knobs_chart(rows: list[Row]) -> Markup:
         [_drawn(r["conditions_changed_share"], decades) for r in best],
         "front",
     )
-    marks = [
-        Markup(
-            "<g class='tier'><circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
-            "<text x='{:.1f}' y='{:.1f}'>{}</text></g>"
-        ).format(
-            x[0], y[0], f"{_name(row)}: {times(row['seconds_relative'])}, {changed_share(row)}",
-            x[0] + 7, y[0] + 4, _name(row) if row in best else "",
+    names = [
+        Markup("<g class='tier'><text x='{:.1f}' y='{:.1f}'>{}</text></g>").format(
+            x[0] + 7, y[0] + 4, _name(row)
         )
         for row, (x, y) in zip(some, at, strict=True)
-    ]  # fmt: skip
-    return axes.draw(Markup().join([line, *marks]), "changed conditions over time", css="pareto")
+        if row in best
+    ]
+    marks = [
+        Markup(
+            "<circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
+        ).format(
+            x[0], y[0], f"{_name(row)}: {times(row['seconds_relative'])}, {changed_share(row)}"
+        )
+        for row, (x, y) in zip(some, at, strict=True)
+    ]
+    return axes.draw(
+        Markup().join([line, *names, *marks]), "changed conditions over time", css="pareto"
+    )
 
 
 def _name(row: Row) -> str:

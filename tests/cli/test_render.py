@@ -299,3 +299,27 @@ def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
     assert f"line.tif: has {rows} x {cols} heights (rows x columns)" in said
     assert "at least 2 x 2" in said
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "side", "said"),
+    [
+        ("render", 2, "no node of the area lies among heights of the DEM on all sides"),
+        ("build-catalog", 2, "line.tif: has 2 x 2 heights (rows x columns) of"),
+        ("build-catalog", 20, "a patch takes 33 x 33 cells of"),
+    ],
+)
+def test_a_dem_that_is_too_small_is_named(tmp_path, capsys, command, side, said):
+    path = tmp_path / "line.tif"
+    where = {
+        "crs": "+proj=longlat +R=1737400",
+        "transform": rasterio.transform.from_origin(3, 26, 0.004, 0.004),
+    }
+    with rasterio.open(
+        path, "w", driver="GTiff", height=side, width=side, count=1, dtype="float32", **where
+    ) as file:
+        file.write(np.zeros((1, side, side), np.float32))
+    out = tmp_path / ("out.tif" if command == "render" else "out.h5")
+    assert run([command, str(path), "-o", str(out), *(SUN if command == "render" else [])]) == 1
+    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert not out.exists()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +104,19 @@ def test_equal_catalogues_give_equal_bytes(written, tmp_path: Path) -> None:
     points, path = written
     write_geopackage(points, tmp_path / "again.gpkg")
     assert (tmp_path / "again.gpkg").read_bytes() == path.read_bytes()
+
+
+def test_a_package_names_the_authority_that_proj_knows(written) -> None:
+    """Of the definition, too, which QGIS takes; GDAL writes IAU there, of which PROJ knows no code."""
+    points, path = written
+    with contextlib.closing(sqlite3.connect(path)) as tables:
+        ((organization, definition),) = tables.execute(
+            "SELECT organization, definition FROM gpkg_spatial_ref_sys WHERE definition LIKE '%Moon%'"
+        )
+    if points.frame.name == "MOON_ME":
+        assert organization == "IAU_2015"
+        assert pyproj.CRS.from_wkt(definition).to_authority() == ("IAU_2015", "30100")
+    assert 'AUTHORITY["IAU",' not in definition
 
 
 def _part(path: Path, layer: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -37,6 +37,7 @@ def _told(layer: Any) -> dict[str, Any]:
         "name": layer.name(),
         "valid": layer.isValid(),
         "crs": layer.crs().toWkt(),
+        "code": layer.crs().authid() if layer.crs().isValid() else None,
         "extent": [box.xMinimum(), box.yMinimum(), box.xMaximum(), box.yMaximum()],
     }
     if isinstance(layer, QgsVectorLayer):

@@ -209,6 +209,7 @@ def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
     table = "\n".join(knob_table.knobs_markdown(found))
     assert "your configuration" in table
     assert "impossible, cell" in table
+    assert not charts.knobs_chart([found.rows[0] | {"conditions_changed_share": None}])
     assert str(charts.knobs_chart(found.rows)).count("<circle") == sum(
         row["conditions_changed_share"] is not None for row in found.rows
     )
