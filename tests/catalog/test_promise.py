@@ -75,6 +75,7 @@ def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> No
     page = render_report(catalog, "p.h5")
     assert "What is promised" in page
     assert "(dark)" in page
+    assert "located, at least" in page  # by Sun
     assert "What is promised" not in render_report(plain, "p.h5")
     assert kept_promise(plain) is None
 
