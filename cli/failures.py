@@ -53,7 +53,9 @@ def _one_line(error: BaseException) -> str:
         text = "the working folder no longer exists; change to one that does, and run again"
     elif isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
         text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
-    elif isinstance(error, OSError):
+    elif isinstance(error, OSError) or (
+        isinstance(error, ImportError) and error.name == "numba"
+    ):  # is not there, or shall not compile
         text = str(error)
     else:
         text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"

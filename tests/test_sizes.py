@@ -34,7 +34,8 @@ BUDGETS = {
     # 261 the strong pipeline: half-resolution search and probabilities by numba
     # 6 calls that fail one by one, or with some errors
     # 1 a fitted shift
-    "code lines, benchmarks": 5665,
+    # 67 67 what digests add
+    "code lines, benchmarks": 5732,
     # 40 390, 450 flight files, 520 cameras, 350 Python and notebooks, 205 points by probability, DEMs
     # 130 wrong elevations and distorted maps, 120 cures with their price
     # 30 one brightness, 160 a frame in a third of the time
@@ -84,7 +85,8 @@ BUDGETS = {
     # 155 merged ground that lies elsewhere or higher
     # 2 far Suns against half of the points
     # 35 the authority in a package, DEMs smaller than a patch, charts without a candidate
-    "code lines, lcp_catalog": 47223,
+    # 3 kernels that shall not be compiled
+    "code lines, lcp_catalog": 47226,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -104,7 +106,8 @@ BUDGETS = {
     # 28 two passes in parts
     # 4 switches of a render as its options
     # 5 inputs that are listed once
-    "code lines, cli": 4310,
+    # 2 kernels that shall not be compiled
+    "code lines, cli": 4312,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -140,7 +143,8 @@ BUDGETS = {
     # 54 which ground is not merged
     # 92 inputs of parts and when they are read, 112 two passes in parts, 168 on four regions, 17 the strong pipeline at 118 m
     # 570 the trade of two sites, what one Sun an area changes by elevation, finer settings for a budget
-    "words of docs": 57661,
+    # 3 none
+    "words of docs": 57664,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -52,7 +52,10 @@ _KEPT = 20
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """``numba.njit`` with the options given, and the files of this module."""
+    """``numba.njit`` with the options given, and the files of this module. ImportError where numba shall not compile."""
+    if config.DISABLE_JIT:
+        text = "NUMBA_DISABLE_JIT is set, and kernels only run compiled: unset it"
+        raise ImportError(text, name="numba")
 
     def kernel(function: Callable[..., Any]) -> Any:
         compiled = numba.njit(**options)(function)

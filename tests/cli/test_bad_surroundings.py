@@ -1,4 +1,4 @@
-"""A working folder that is gone, and a limit of memory: one line that says what to do."""
+"""A working folder that is gone, a limit of memory, kernels that shall not be compiled: one line that says what to do."""
 
 from __future__ import annotations
 
@@ -40,3 +40,23 @@ def test_libraries_that_do_not_fit_in_memory(tmp_path: Path, limit_mb: int) -> N
     said = told(LIMITED, str(limit_mb), "render", str(DEM), "-o", str(tmp_path / "x.tif"))
     assert said.startswith("lcp: out of memory; ")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_kernels_that_shall_not_be_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    run = "from lcp_cli.main import main; import sys; main(sys.argv[1:])"
+    place = [
+        "--center",
+        "3.5",
+        "26",
+        "--size",
+        "8",
+        "--sun-azimuth",
+        "100",
+        "--sun-elevation",
+        "17",
+    ]
+    said = told(run, "render", str(DEM), "-o", str(tmp_path / "x.tif"), *place)
+    assert said.endswith("lcp: NUMBA_DISABLE_JIT is set, and kernels only run compiled: unset it\n")

@@ -13,27 +13,29 @@ NODES = 5
 GOLDEN_DEG = 137.50776405003785
 
 
-def catalog(count: int, seed: int = 1) -> Catalog:
+def catalog(
+    count: int, seed: int = 1, nodes: int = NODES, views: int = 2, sun_azimuths: int = 12
+) -> Catalog:
     """A sound catalogue with claims; the points are evenly spread between 60 S and 60 N."""
     rng = np.random.default_rng(seed)
     number = np.arange(count)
     lat = np.degrees(np.arcsin((2.0 * (number + 0.5) / max(count, 1) - 1.0) * 0.866))
     lon = number * GOLDEN_DEG % 360.0
     elevation = np.round(rng.normal(0.0, 1000.0, count), 1)
-    suns, azimuths = np.linspace(5.0, 75.0, 5), np.arange(0.0, 360.0, 30.0)
-    condition = np.where(rng.random((count, 2, 5, 12)) < 0.7, 31, 29).astype(np.uint8)
+    suns, azimuths = np.linspace(5.0, 75.0, 5), np.arange(sun_azimuths) * 360.0 / sun_azimuths
+    condition = np.where(rng.random((count, views, 5, sun_azimuths)) < 0.7, 31, 29).astype(np.uint8)
     condition[:, :, :, 0] = 0
     detection = np.where(condition == 31, 0.95, np.where(condition == 0, np.nan, 0.4))
     detection = np.stack([detection, detection], axis=1).astype(np.float32)
     major = np.where(np.isnan(detection), np.nan, np.float32(12.0))
     lowest, highest = summarise_usable(condition, suns)
-    dem = rng.integers(-50, 50, (count, NODES, NODES)).astype(np.float32)
-    dem[:, NODES // 2, NODES // 2] = 0.0
+    dem = rng.integers(-50, 50, (count, nodes, nodes)).astype(np.float32)
+    dem[:, nodes // 2, nodes // 2] = 0.0
     axis = np.linspace(-5e6, 5e6, 100)
     ones = np.ones(count)
     return Catalog(
-        sun_elevation=suns, sun_azimuth=azimuths, view_off_nadir=np.array([0.0, 30.0]),
-        view_azimuth=np.array([0.0, 90.0]), view_altitude=np.array([np.inf, 100.0]),
+        sun_elevation=suns, sun_azimuth=azimuths, view_off_nadir=np.array([0.0, *[30.0] * (views - 1)]),
+        view_azimuth=np.array([0.0, *90.0 * np.arange(1, views)]), view_altitude=np.array([np.inf, *[100.0] * (views - 1)]),
         point_id=number, longitude=lon, latitude=lat, elevation=elevation,
         position_mcmf=lonlat_to_mcmf(lon, lat, elevation),
         rotation_mcmf_to_enu=enu_rotation(lon, lat), gsd=118.0 * ones, level=np.zeros(count, np.int32),
