@@ -549,9 +549,8 @@ class _FixSearch:
     def sun(self, matches: Matches, pose: Pose) -> SunCheck:
         """The check by the points of the levels of the first search, where few agree under far Suns, too."""
         own = np.isin(np.asarray(self.catalog.level)[matches.point], [*self.levels])
-        used = (
-            matches.found & own
-        )  # more than determine the pose: of high Suns few are called usable
+        # more than determine the pose: under high Suns few points are called usable
+        used = matches.found & own
         rows = matches.point[used]
         offset = matches.found_px[used] - pose.sensor.project(self.catalog.position_mcmf[rows])
         places, width = matches.found_px[used], self.width_px(matches.point[own])
