@@ -141,7 +141,7 @@ BUDGETS = {
     # 155 places of maps, with sources
     # 32 a shift of detection probabilities
     # 54 which ground is not merged
-    # 92 inputs of parts and when they are read, 112 two passes in parts, 168 on four regions, 60 the strong pipeline at 118 m and a build of before
+    # 92 inputs of parts and when they are read, 112 two passes in parts, 168 on four regions, 60 speed beside others
     # 570 the trade of two sites, what one Sun an area changes by elevation, finer settings for a budget
     # 3 none
     "words of docs": 57714,
