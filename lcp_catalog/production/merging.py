@@ -207,11 +207,6 @@ class _Input:
         """The regions of the builds."""
         return [region for config in self.configs if (region := config.area.region)]
 
-    @property
-    def stated_sigma_m(self) -> float:
-        """The largest error of heights that a build's configuration states, metres; 0 without."""
-        return max(config.errors.height_sigma_m or 0.0 for config in self.configs)
-
     def points(self, number: int) -> AnyArray:
         """Its points as `POINTS`; ``number``: its own among the inputs."""
         catalog = self.catalog
@@ -276,9 +271,7 @@ class _Merge:
         single = every[_best_of_each(every)]
         spread = [_spread(single, level, away_m) for level, away_m in enumerate(self.spacing_m)]
         self.chosen = single[np.sort(np.concatenate(spread))]
-        self.maps = MergedMaps(
-            [MergedPart(one.catalog, one.regions, one.stated_sigma_m) for one in inputs]
-        )
+        self.maps = MergedMaps([MergedPart(one.catalog, one.regions) for one in inputs])
         self.report = MergeReport(
             points=len(self.chosen),
             inputs=tuple(len(catalog) for catalog in self.catalogs),

@@ -50,13 +50,10 @@ _CLIP = 3.0 * 1.4826
 
 @dataclass(frozen=True, eq=False)
 class MergedPart:
-    """A catalogue that is merged, and the regions of its builds. ``stated_sigma_m``: the largest 1 sigma of heights that their
-    configurations state; 0 if none does.
-    """
+    """A catalogue that is merged, and the regions of its builds."""
 
     catalog: Catalog
     regions: Sequence[Area]
-    stated_sigma_m: float = 0.0
 
     @cached_property
     def step_m(self) -> float:
@@ -92,11 +89,11 @@ class MergedPart:
 
     @property
     def level_sigma_m(self) -> float:
-        """1 sigma of the level of all its heights: the larger of what is stated and what is published of the DEMs, or as
-        `dem.mosaic` has it where nothing is.
+        """1 sigma of the level of all its heights, as published of the DEMs, or as `dem.mosaic` has it where nothing is: errors
+        that are alike over a correlation length only (`sigma_m`) are gone in the mean.
         """
         known = [facts_of(name).sigma_m or UNKNOWN_SIGMA_M for name in self._products]
-        return max(self.stated_sigma_m, *(known or [UNKNOWN_SIGMA_M]))
+        return max(known, default=UNKNOWN_SIGMA_M)
 
     @property
     def place_sigma_m(self) -> float:
@@ -170,7 +167,7 @@ def _fault(shared: _Shared, one: MergedPart, other: MergedPart, name: str) -> st
     if up_m > limit_m:
         return (
             f"its heights differ throughout by {up_m:.1f} +- {own_m:.1f} m ({where}), "
-            f"beyond the {limit_m:.1f} m that the DEMs' published errors explain (more: errors.height_sigma_m)"
+            f"beyond the {limit_m:.1f} m that the DEMs' published errors explain"
         )
     return ""
 

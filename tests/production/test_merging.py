@@ -210,11 +210,15 @@ def test_contradicting_heights_of_the_same_ground_are_refused(
 def test_what_the_errors_explain_is_merged(
     away_m: float, merged: bool, inputs: list[Catalog], tmp_path: Path
 ) -> None:
-    """Three sigmas of a difference of two errors of 20 m, as between two DEMs of a build, are 85 m."""
+    """Three sigmas of a difference of two errors of 20 m, as published of GLD100, are 85 m."""
     other = relief(inputs[1], lambda z: z + np.float32(away_m), "overviews")
+    products = (
+        np.full(len(inputs[0]), "GLD100_256", object),
+        np.full(len(other), "GLD100_256", object),
+    )
     stated = [
-        replace(one, config=f"{one.config}[errors]\nheight_sigma_m = 20.0\n")
-        for one in (inputs[0], other)
+        replace(one, dem_product=names)
+        for one, names in zip((inputs[0], other), products, strict=True)
     ]
     paths = written(tmp_path, stated)
     if merged:
