@@ -145,7 +145,8 @@ BUDGETS = {
     # 570 the trade of two sites, what one Sun an area changes by elevation, finer settings for a budget
     # 3 none
     # 20 how often a shift is seen
-    "words of docs": 57734,
+    # 2 two runs
+    "words of docs": 57736,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
