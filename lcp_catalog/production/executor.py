@@ -299,6 +299,7 @@ def _result_of(future: Future[Any]) -> Any:
 def _stop(pool: ProcessPoolExecutor) -> None:
     """End the pool at once, without waiting for running tasks."""
     processes = list((getattr(pool, "_processes", None) or {}).values())
+    results = getattr(pool, "_result_queue", None)
     pool.shutdown(wait=False, cancel_futures=True)
     for process in processes:
         process.terminate()
@@ -307,3 +308,7 @@ def _stop(pool: ProcessPoolExecutor) -> None:
         if process.is_alive():
             process.kill()
             process.join()
+    if (
+        results is not None
+    ):  # of a worker that has ended within a result: its reader would wait for the rest for ever
+        results._writer.close()

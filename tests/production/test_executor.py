@@ -243,3 +243,16 @@ def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -
     while worker.exitcode is None and time.monotonic() - start < 10.0:
         time.sleep(0.01)  # a thread of the pool may be the one that learns of the end
     assert worker.exitcode == -signal.SIGKILL
+
+
+def test_a_pool_that_is_stopped_within_a_result_ends() -> None:
+    """Its thread reads a result of which the worker has sent a part; a process that has such a thread never ends."""
+    code = (
+        "from lcp_catalog.production.executor import run_tasks\n"
+        "if __name__ == '__main__':\n"
+        "    some = run_tasks(bytes, [200_000_000] * 6, 2)\n"
+        "    next(some)\n"
+        "    some.close()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], timeout=60, check=False)
+    assert done.returncode == 0
