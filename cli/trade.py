@@ -111,7 +111,7 @@ def command(
     from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS
     from lcp_catalog.tradeoff.report import markdown, trade
 
-    with progress("tiers") as update:
+    with progress("runs") as update:
         found = trade(
             dem,
             output,

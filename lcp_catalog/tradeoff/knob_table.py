@@ -57,16 +57,20 @@ def knobs_said(trade: Trade) -> str:
     best = trade.best_row
     if best is None:
         return said
-    what = best["value"] or "your configuration as it is"
     if trade.budget_s and best["build_seconds"] > trade.budget_s:
         left = len(trade.not_measured)
         said += f" The budget of {number(trade.budget_s, 3)} s is not reached by what was measured ({left} were not)."
-    measured = f"measured together on {best['areas']} areas"
-    if not best["areas"]:
+    if not best["value"]:
+        return f"{said} To take ({BEST}): your configuration as it is, {number(best['build_seconds'], 3)} s for the whole build."
+    lost, gained = best["points_lost"], best["points_gained"]
+    measured, places = f"measured together on {best['areas']} areas", ""
+    if best["areas"]:
+        places = f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained"
+    else:
         measured = "not measured together, for want of time (a greater time limit), but by product and sum of the rows"
     return (
-        f"{said} To take ({BEST}): {what}; {measured}: {number(best['build_seconds'], 3)} s for the whole build "
-        f"({times(best['seconds_relative'])} of the time of your configuration), {changed_share(best)} of the conditions changed."
+        f"{said} To take ({BEST}): {best['value']}; {measured}: {number(best['build_seconds'], 3)} s for the whole build "
+        f"({times(best['seconds_relative'])} of the time of your configuration), {changed_share(best)} of the conditions changed{places}."
     )
 
 

@@ -105,8 +105,12 @@ def together(chosen: Sequence[Setting]) -> Setting:
     return Setting("together", "; ".join(f"{one.knob}: {one.value}" for one in chosen), values)
 
 
-def require_one(budget_s: float | None, error: float | None) -> None:
-    """ConfigError for a budget of both time and error, or for one that is not positive."""
+def require_one(budget_s: float | None, error: float | None, limit_s: float = math.inf) -> None:
+    """ConfigError for a budget of both time and error, for one that is not positive, or without time for alternatives."""
+    if limit_s == 0.0 and (budget_s is not None or error is not None):
+        raise ConfigError(
+            "a budget or a greatest error needs a time limit above 0, within which alternatives are measured"
+        )
     if budget_s is not None and error is not None:
         raise ConfigError("give a budget of time or a greatest error, not both")
     if (budget_s is not None and not budget_s > 0.0) or (

@@ -89,8 +89,8 @@ LAWS_EXPLAINED = (
 
 
 def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
-    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is created if
-    missing.
+    """Write ``trade.json``, ``trade.html`` and ``trade.md`` into a folder, which is created if missing, and
+    ``best.toml``; that of a run before goes where this one has none.
 
     Raises as `atomic_files.check_folder`.
     """
@@ -100,6 +100,8 @@ def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
     write_folder(
         folder, files | ({BEST: _from(folder, trade.best)} if trade.best else {}), overwrite
     )
+    if overwrite and not trade.best:
+        (folder / BEST).unlink(missing_ok=True)
 
 
 def _from(folder: Path, config: BuildConfig) -> str:
@@ -457,7 +459,7 @@ def trade(
     folder = None if output is None else Path(output)
     if folder is not None:
         check_folder(folder, (*FILES, BEST), overwrite)
-    require_one(budget_s, max_error)
+    require_one(budget_s, max_error, time_limit_s)
     until = time.monotonic() + time_limit_s
     build = planned_build(dem, config, center=center, size_km=size_km, bounds=bounds, gsd_m=gsd_m)
     if len(build.levels) > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import time
@@ -208,6 +209,8 @@ def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
     assert found.best_row["knob"] == "together"
     table = "\n".join(knob_table.knobs_markdown(found))
     assert "your configuration" in table
+    gone = f"{found.best_row['points_lost']} are lost, {found.best_row['points_gained']} gained"
+    assert (gone in table) == bool(found.best_row["value"])
     assert "impossible, cell" in table
     assert not charts.knobs_chart([found.rows[0] | {"conditions_changed_share": None}])
     assert str(charts.knobs_chart(found.rows)).count("<circle") == sum(
@@ -343,11 +346,15 @@ def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
     late = measure_all(EMPTY, build, 1, Budget(seconds=1.0), 0.0, workers=0)
     assert late.best_row is not None
     assert (late.best_row["areas"], late.best_row["seconds_relative"]) == (0, 1.0)
-    assert "for want of time" in knob_table.knobs_said(late)
+    assert "your configuration as it is, " in knob_table.knobs_said(late)
+    some = dataclasses.replace(late, best_row=late.best_row | {"value": "dependence: 0"})
+    assert "for want of time" in knob_table.knobs_said(some)
 
 
-@pytest.mark.parametrize("given", [(1.0, 0.1), (0.0, None), (None, 2.0)])
-def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None]) -> None:
+@pytest.mark.parametrize(
+    "given", [(1.0, 0.1, 9.0), (0.0, None, 9.0), (None, 2.0, 9.0), (1.0, None, 0.0)]
+)
+def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None, float]) -> None:
     with pytest.raises(ConfigError):
         require_one(*given)
 

@@ -221,7 +221,9 @@ def test_files_are_written_and_not_overwritten(trade: Trade, tmp_path: Path) -> 
     assert written["advice"] == report.advice(trade.tiers)
     with pytest.raises(OutputExistsError, match="`overwrite`"):
         report.write_trade(trade, folder)
+    (folder / "best.toml").touch()  # of a run before, with a budget
     report.write_trade(trade, folder, overwrite=True)
+    assert not (folder / "best.toml").exists()
     with pytest.raises(OutputError, match="not a folder"):
         report.write_trade(trade, folder / "trade.json", overwrite=True)
     with pytest.raises(OutputError, match="does not exist"):
