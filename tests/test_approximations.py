@@ -41,7 +41,16 @@ ASKED = {
     ),
 }
 
-COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "production", "kernels"
+COMPUTES = (
+    "landmarks",
+    "light",
+    "terrain",
+    "photometry",
+    "rendering",
+    "production",
+    "dem",
+    "kernels",
+)
 """Packages whose constants decide what a catalogue or a render holds, but for the modules that only run them."""
 
 RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views"
@@ -52,6 +61,21 @@ FUNCTIONS = {"kernels.resampling.heights.sample"}
 NO_APPROXIMATIONS = {
     # by package: limits of values, units, guards against rounding, figures that were measured, defaults of fields
     "catalog": ("COVERAGE_UNKNOWN NO_CELL UNIVERSAL_SHARE _TOUCHING"),
+    "dem": (
+        # error models of products: published or fitted, overruled by `errors.height_sigma_m`, `--map-sigma` and maps
+        "LENGTH_PER_RESOLUTION SIGMA_PER_RESOLUTION UNKNOWN_SIGMA_M _FAMILIES _TIES "
+        # sizes of blocks and windows, limits of files, pictures, how a resolution is measured
+        "BAND_EDGES_DEG BAND_PX BAND_SHARE BETWEEN_AREAS EDGE_PX EXPONENT EXPONENT_SIGMA "
+        "FACTOR GREATEST_M HOLE_PX LAW_LONGEST_M MOON_KM2 PIXELS_MAX POLAR_ERROR "
+        "POLAR_WITHIN_DEG POSSIBLE_M RADIUS_KM RECENT_PIXELS SHAPES WINDOW_PX _APART_M "
+        "_ARC_MAX _AROUND _BINS_PER_OCTAVE _BLOCKS _BLOCK_BYTES _BLOCK_PIXELS _BRIGHTNESS "
+        "_COARSER _CROWDED _CUTS _DEGREE_M _DEGREE_M _FITTED _FULLY _FURTHEST_DEG _GAP_PX _KM "
+        "_KM_SIDE_M _LEAST _LEAST _LEAST_SHARE _LONGEST _MISFIT _MOST _MOST_PRODUCTS "
+        "_NARROWEST _NARROW_DEG _NODES _NOISES _OCTAVES_LEAST _OPEN_FILES _PAD _PAIRS "
+        "_PLACES_MIN _REPEATED _ROWS_DEG _SEAM_MAX_DEG _SHORTEST _SLACK _SLOPE _SPARE_PX "
+        "_STEPS_DEG _STEP_PX _STRETCHED _TILE_BLOCKS _TILE_PIXELS _TILE_PX _TOLD "
+        "_WINDOW_PIXELS _WINDOW_PIXELS _ZEROS_PX"
+    ),
     "kernels": (
         # values of single precision, guards against rounding, numbers of results and of what is done at once
         "AT_ONCE BAND_ROWS COT_SMOOTH COS_HELD DISC_NUMBERS FACET FLAT FREE HEAD IN_PLANE LEAST "
