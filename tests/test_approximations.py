@@ -41,16 +41,7 @@ ASKED = {
     ),
 }
 
-COMPUTES = (
-    "landmarks",
-    "light",
-    "terrain",
-    "photometry",
-    "rendering",
-    "production",
-    "dem",
-    "kernels",
-)
+COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "production", "kernels"
 """Packages whose constants decide what a catalogue or a render holds, but for the modules that only run them."""
 
 RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views"
@@ -195,7 +186,7 @@ def in_code() -> set[str]:
     """Every constant that may be an approximation, and the `FUNCTIONS`."""
     library = ROOT / "lcp_catalog"
     paths = [library / "catalog" / f"{name}.py" for name in ("prediction", "schema")]
-    paths += [path for folder in COMPUTES for path in (library / folder).rglob("*.py")]
+    paths += [path for folder in (*COMPUTES, "dem") for path in (library / folder).rglob("*.py")]
     found = {
         ".".join((*path.relative_to(library).with_suffix("").parts, name))
         for path in paths
