@@ -451,9 +451,9 @@ def _plan_text(plan: dict[str, Any], workers: int) -> str:
     from .progress import duration_text
 
     jobs = min(workers, plan["areas"])
-    counts = f"{plan['areas']:,} areas x {plan['suns']:,} Suns x {plan['views']:,} views"
     return (
-        f"{counts}, {plan['cell_renders']:,} cells rendered\n"
+        f"{plan['areas']:,} area{'s' * (plan['areas'] != 1)} x {plan['suns']:,} Sun{'s' * (plan['suns'] != 1)} x "
+        f"{plan['views']:,} view{'s' * (plan['views'] != 1)}, {plan['cell_renders']:,} cells rendered\n"
         f"{duration_text(plan['seconds_estimate'])} with --jobs {jobs}\n"
         f"{plan['bytes_estimate'] / 1e6:,.1f} MB of catalogue, {plan['memory_mb_per_worker']:,} MB of memory a job, "
         f"{plan['memory_mb_parent']:,} MB to merge"

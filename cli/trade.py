@@ -125,6 +125,6 @@ def command(
             progress=update,
         )
     echo(markdown(found), nl=False)
-    compared = found.compared
-    many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternatives"
-    say(f"{output}: {many} on {compared['areas']} of {compared['areas_of']} areas")
+    some, of = found.compared["areas"], found.compared["areas_of"]
+    many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternative{'s' * (len(found.rows) != 2)} on {some}"
+    say(f"{output}: {many} of {of} area{'s' * (of != 1)}")

@@ -182,7 +182,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "one direction per area",
-        "a Sun and a view wrong by the tolerance: 2.3, 0.6 and 0.4 % of the `unshadowed` flags at 5, 10 and 12 deg of Sun in `draft` and `standard`, stated by the plan; none up to 15 deg in `high` and `reference`; nearly proportional to the tolerance (measured, decision 5)",
+        "a Sun and a view wrong by the tolerance: 2.3, 0.6 and 0.4 % of the `unshadowed` flags at 5, 10 and 12 deg of Sun in `draft` and `standard`, stated by the scene plan; none up to 15 deg in `high` and `reference`; nearly proportional to the tolerance (measured, decision 5)",
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
         effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT", "production.build_decisions.TURNED"), expected=0.01,
         fineness=lambda c: 0.01 * c.model.precision.own_sun_deg - c.model.direction_tolerance_deg,
@@ -246,7 +246,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "searched again near the limit",
-        "without it the flag of up to 0.05 % of the conditions; 0.074 of a probability where the flag is another (measured)",
+        "without it 0.71 % (0.48 to 0.94 %) of the usable conditions, 0.47 of a probability at most (measured on the sample, ede1714, 2026-11-27)",
         ("points.search_doubt",), _choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
         constants=("production.point_config.SEARCH_DOUBT",), expected=0.001,
         fineness=lambda c: sum(c.points.search_doubt or (0.035, 0.09)),
@@ -273,7 +273,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "light by way of other ground",
-        "R² Omega / pi of the radiance factor, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time (measured, ede1714, 7bb57269, 2026-11-27)",
+        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet), stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time (measured, ede1714, 7bb57269, 2026-11-27)",
         ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
         effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=30.0, expected=0.01,
         fineness=lambda c: c.model.bounce == "on",
@@ -284,7 +284,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         constants=("landmarks.point_spread.POINT_SPREAD_PX",), expected=0.02,
     ),
     Approximation(
-        "number of rivals", "with 12 for 64 the Brier score doubles in pure noise (measured)",
+        "number of rivals", "with 12 instead of 64 the Brier score doubles in pure noise (measured)",
         ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS", "landmarks.detection._CLEAR"), expected=0.002,
         fineness=lambda c: c.points.rivals or 64,
     ),
@@ -309,7 +309,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "quadrature over places",
-        "five nodes for 31: 0.0008 of a probability at the 99th percentile, 0.053 at most, 0.007 % of the flags (measured on the sample, 5da61c4, 2026-11-27)",
+        "five nodes instead of 31: 0.0008 of a probability at the 99th percentile, 0.073 at most, 0.012 % of the usable conditions (measured on the sample, 5da61c4, ede1714, 2026-11-27)",
         ("points.spread_nodes",), _choices("points.spread_nodes", 1, 31, usual=5),
         constants=("landmarks.detection.SPREAD_NODES",), expected=0.0001,
         fineness=lambda c: c.points.spread_nodes or 5,
@@ -322,7 +322,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "packing of claims", "0.002 of a probability, half a step of 1/250; 0.00025 of an albedo factor (exact); no flag changes",
         constants=("catalog.schema.DETECTION_STEP", "photometry.albedo_map.PATCH_STEP"), unpriced="no switch: the file's format",
-        price="seven bytes a claim for eighteen",
+        price="seven bytes a claim instead of eighteen",
     ),
     Approximation(
         "float32", "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",), constants=("kernels.elementary._EXP", "kernels.elementary._LOG", "kernels.elementary._TAIL", "kernels.photometry.images._ATAN", "kernels.photometry.hapke_simd._ACOS"),

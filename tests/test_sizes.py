@@ -147,7 +147,8 @@ BUDGETS = {
     # 3 none
     # 20 how often a shift is seen
     # 2 two runs
-    "words of docs": 57736,
+    # 60 which scene, encoding and commit a figure is of
+    "words of docs": 57796,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

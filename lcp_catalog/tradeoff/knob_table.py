@@ -53,7 +53,7 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
 
 def knobs_said(trade: Trade) -> str:
     """What was measured, and what to take for the budget, in one paragraph."""
-    said = f"{len(trade.rows) - 1} alternatives measured."
+    said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured."
     best = trade.best_row
     if best is None:
         return said
@@ -63,7 +63,7 @@ def knobs_said(trade: Trade) -> str:
     if not best["value"]:
         return f"{said} To take ({BEST}): your configuration as it is, {number(best['build_seconds'], 3)} s for the whole build."
     lost, gained = best["points_lost"], best["points_gained"]
-    measured, places = f"measured together on {best['areas']} areas", ""
+    measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
     if best["areas"]:
         places = f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained"
     else:

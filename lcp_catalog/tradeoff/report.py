@@ -252,9 +252,9 @@ def compared_line(compared: dict[str, Any]) -> str:
     )
     return (
         f"{', '.join(compared['dems'])}; region around {turned_deg(region['center_lon']):.4g}° E, {latitude_name(region['center_lat'])}, "
-        f"cells of {number(compared['gsd_m'], 4)} m; {compared['areas']} of {compared['areas_of']} areas "
-        f"({sum(compared['area_nodes']):,} nodes without their margins); {many} Sun directions, elevations {low:g} to {high:g}°; "
-        f"{compared['views']} views; {compared['reflectance']}. {compared['threads']} thread, {processes}, tiers in turn, "
+        f"cells of {number(compared['gsd_m'], 4)} m; {compared['areas']} of {compared['areas_of']} area{'s' * (compared['areas_of'] != 1)} "
+        f"({sum(compared['area_nodes']):,} nodes without their margins); {many} Sun direction{'s' * (suns != [1])}, elevations {low:g} to {high:g}°; "
+        f"{compared['views']} view{'s' * (compared['views'] != 1)}; {compared['reflectance']}. {compared['threads']} thread, {processes}, tiers in turn, "
         f"median of {rounds} after an untimed one."
     )  # fmt: skip
 

@@ -149,7 +149,7 @@ def test_plan_is_four_lines(
     assert run(small) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 4
-    assert re.match(r"1 areas x 4 Suns x 1 views, [\d,]+ cells rendered$", lines[0])
+    assert re.match(r"1 area x 4 Suns x 1 view, [\d,]+ cells rendered$", lines[0])
     assert re.match(r"\d+ s with --jobs 1$", lines[1])
     assert re.match(
         r"0\.\d MB of catalogue, [\d,]+ MB of memory a job, [\d,]+ MB to merge$", lines[2]
