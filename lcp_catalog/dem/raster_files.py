@@ -222,6 +222,23 @@ def _xml(file: Path) -> ElementTree.Element | None:
         raise DemError(f"{file}: not a virtual raster that can be read ({error})") from error
 
 
+def _refuse_other_forms(one: ElementTree.Element, file: Path) -> None:
+    """DemError for what GDAL takes, too, but no program writes: a name in an attribute, another folder for the names, a word
+    for 0 or 1.
+    """
+    given = {key.lower(): value.strip().lower() for key, value in one.attrib.items()}
+    other = next((key for key in given if key in _NAMING), None)
+    if other is None and given.get("relativetovrt", "0") not in ("0", "1"):
+        other = "relativeToVRT"
+    texts = {*given.values(), *((part.text or "").strip().lower() for part in one)}
+    if other is None and "root_path" in texts:
+        other = "ROOT_PATH"
+    if other is not None:
+        raise DemError(
+            f"{file}: holds {other} in a form that only GDAL resolves; write it anew (gdal_translate -of VRT)"
+        )
+
+
 def _named(xml: ElementTree.Element | None, file: Path) -> Iterator[_Named]:
     """The sidecar files of a file, and the files that its content names, as GDAL resolves them."""
     for ending in _BESIDE:
@@ -231,6 +248,7 @@ def _named(xml: ElementTree.Element | None, file: Path) -> Iterator[_Named]:
     while holder.is_symlink():
         holder = holder.parent / os.readlink(holder)
     for parent in () if xml is None else xml.iter():
+        _refuse_other_forms(parent, file)
         for one in parent:
             tag = str(one.tag).lower()  # of a comment it is a function
             given = {key.lower(): value.lower().strip() for key, value in one.attrib.items()}
@@ -241,6 +259,6 @@ def _named(xml: ElementTree.Element | None, file: Path) -> Iterator[_Named]:
             ):
                 text = "" if len(one) else (one.text or "").lstrip()  # GDAL ends it at a comment
                 name = text.removeprefix(_BASE)
-                if name != text or given.get("relativetovrt", "0") != "0":
+                if name != text or given.get("relativetovrt", "0") == "1":
                     name = os.path.join(holder.parent, name)
                 yield _Named(name, file, str(parent.tag).lower() != "vrtrasterband")

@@ -195,9 +195,36 @@ def commented(folder: Path) -> Path:
     return vrt(folder / "x.vrt", "dem<!-- -->.tif")
 
 
+SOURCE = "<SourceFilename relativeToVRT='{}'>dem.tif</SourceFilename><SourceBand>1</SourceBand>"
+
+
+def other_form(source: str) -> Callable[[Path], Path]:
+    """A source as GDAL takes it, too, but no program writes it; GDAL may read another file than its words say."""
+
+    def make(folder: Path) -> Path:
+        tif(folder / "dem.tif")
+        return vrt(folder / "x.vrt", "", band=source)
+
+    return make
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
+        (other_form('<SimpleSource SourceFilename="dem.tif"/>'), "x.vrt: holds sourcefilename in"),
+        *(
+            (other_form(f"<SimpleSource>{SOURCE.format(word)}</SimpleSource>"), "relativeToVRT in")
+            for word in ("true", "yes", "00", "2")
+        ),
+        *(
+            (
+                other_form(
+                    f"<SimpleSource>{SOURCE.format(1)}<OpenOptions>{ooi}</OpenOptions></SimpleSource>"
+                ),
+                "ROOT_PATH in",
+            )
+            for ooi in ('<OOI key="ROOT_PATH">/</OOI>', "<OOI><key>root_path</key>/</OOI>")
+        ),
         (fifo, f"x.vrt: names .*pipe, {NO_FILE}"),
         (fifo_beside, f"dem.tif: names .*dem.tif.ovr, {NO_FILE}"),
         (in_two("/dev/zero"), f"one.vrt: names /dev/zero, {NO_FILE}"),
