@@ -69,6 +69,11 @@ def node_transform(x0_m: float, y0_m: float, gsd_m: float) -> Affine:
     return Affine(gsd_m, 0.0, x0_m - gsd_m / 2, 0.0, -gsd_m, y0_m + gsd_m / 2)
 
 
+def _name_of(crs: rasterio.CRS | None) -> str:
+    """The name of a CRS, empty for none."""
+    return crs.to_wkt().partition('"')[2].partition('"')[0] if crs else ""
+
+
 def geotiff(
     bands: Mapping[str, ArrayLike],
     dtype: str,
@@ -122,7 +127,8 @@ def geotiff(
             kept = [
                 dict(tags).items() <= written.tags().items(),
                 written.descriptions == tuple(bands),
-                crs is None or (written.crs and not written.transform.is_identity),
+                crs is None
+                or (_name_of(written.crs) == _name_of(crs) and not written.transform.is_identity),
                 units is None or written.units == tuple(units),
                 bool(written.overviews(1)) == (max(rows, columns) > TILE),
                 *(
