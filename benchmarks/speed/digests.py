@@ -12,13 +12,16 @@ import argparse
 import multiprocessing
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
+import h5py
+
 from benchmarks.markdown import table
 from benchmarks.speed.query import SUN, camera, near, usable
-from benchmarks.timing import Task, in_turn, median, ratio
-from lcp_catalog.catalog.integrity import ChunkDigests
+from benchmarks.timing import in_turn, median, ratio
+from lcp_catalog.catalog.integrity import ChunkDigests, ChunkGrid
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
 from lcp_catalog.catalog.verification import problems_of
 from lcp_catalog.catalog.writing import write_catalog
@@ -48,8 +51,8 @@ def _inspect(path: Path) -> None:
 def _unchecked(task: Callable[[Path], None], path: Path) -> None:
     """The same, with every chunk believed: none is digested, and none read again to be."""
 
-    def believed(_: ChunkDigests, dataset: object, grid: object, number: int) -> bytes:
-        return bytes(dataset.id.read_direct_chunk(grid.offset(number))[1])  # type: ignore[attr-defined]
+    def believed(_: ChunkDigests, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bytes:
+        return bytes(dataset.id.read_direct_chunk(grid.offset(number))[1])
 
     with (
         patch.object(ChunkDigests, "_sound_chunk", believed),
@@ -75,10 +78,7 @@ def main(words: Sequence[str]) -> int:
         process.join()
         rows = []
         for name, task, path in (("query", _query, asked), ("inspect", _inspect, inspected)):
-            tasks: dict[str, Task] = {
-                "without": lambda task=task, path=path: _unchecked(task, path),  # type: ignore[misc]
-                "with": lambda task=task, path=path: task(path),  # type: ignore[misc]
-            }
+            tasks = {"without": partial(_unchecked, task, path), "with": partial(task, path)}
             times = in_turn(tasks, given.rounds)
             without, checked = times["without"], times["with"]
             added = median(b - a for a, b in zip(without, checked, strict=True))

@@ -160,7 +160,7 @@ class _SecondPass:
         """
         for name, rows in wanted.items():
             own = self.checkpoints.read(name + step)
-            first = self._stored(name + FIRST).table[rows]
+            first = _stored(self.checkpoints, name + FIRST).table[rows]
             if own is not None and any(
                 not np.array_equal(own.table[at], first[at]) for at in ("lon_deg", "lat_deg")
             ):
@@ -185,7 +185,7 @@ class _SecondPass:
         for step, wanted in self.rounds:
             if name not in wanted:
                 continue
-            own = self._stored(name + step)
+            own = _stored(self.checkpoints, name + step)
             some = own.table["worth"] > 0
             rows.append(wanted[name][some])
             if some.any():
@@ -206,18 +206,15 @@ class _SecondPass:
 
     def _known(self, name: str) -> _Known:
         """What the first pass, or else a round of the second, knows of an area."""
-        first = self._stored(name + FIRST)
+        first = _stored(self.checkpoints, name + FIRST)
         table, stages = first.table, first.stages.copy()
         evaluated = np.zeros(len(table), np.bool_)
         for step, wanted in self.rounds:
             if name in wanted:
-                own, rows = self._stored(name + step), wanted[name]
+                own, rows = _stored(self.checkpoints, name + step), wanted[name]
                 table[rows], stages[rows] = own.table, own.stages
                 evaluated[rows] = True
         return _Known(table, stages, evaluated, first.plan)
-
-    def _stored(self, name: str) -> StoredArea:
-        return _stored(self.checkpoints, name)
 
 
 @dataclass(frozen=True)

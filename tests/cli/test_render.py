@@ -280,11 +280,8 @@ def test_what_was_read_for_make(dem, tmp_path, out):
     assert rule.read_text() == f"{out}: {dem} {camera}\n"
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(1, 200), (200, 1), (1, 1)])
-@pytest.mark.parametrize("command", ["render", "build-catalog"])
-def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
-    path = tmp_path / "line.tif"
-    out = tmp_path / ("out.tif" if command == "render" else "out.h5")
+def flat_dem(path, rows, cols):
+    """A DEM of few heights, all zero."""
     where = {
         "crs": "+proj=longlat +R=1737400",
         "transform": rasterio.transform.from_origin(3, 26, 0.004, 0.004),
@@ -293,6 +290,14 @@ def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
         path, "w", driver="GTiff", height=rows, width=cols, count=1, dtype="float32", **where
     ) as file:
         file.write(np.zeros((1, rows, cols), np.float32))
+    return path
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 200), (200, 1), (1, 1)])
+@pytest.mark.parametrize("command", ["render", "build-catalog"])
+def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
+    path = flat_dem(tmp_path / "line.tif", rows, cols)
+    out = tmp_path / ("out.tif" if command == "render" else "out.h5")
     sun = SUN if command == "render" else []
     assert run([command, str(path), "-o", str(out), *sun]) == 1
     said = capsys.readouterr().err.splitlines()[-1]
@@ -310,15 +315,7 @@ def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
     ],
 )
 def test_a_dem_that_is_too_small_is_named(tmp_path, capsys, command, side, said):
-    path = tmp_path / "line.tif"
-    where = {
-        "crs": "+proj=longlat +R=1737400",
-        "transform": rasterio.transform.from_origin(3, 26, 0.004, 0.004),
-    }
-    with rasterio.open(
-        path, "w", driver="GTiff", height=side, width=side, count=1, dtype="float32", **where
-    ) as file:
-        file.write(np.zeros((1, side, side), np.float32))
+    path = flat_dem(tmp_path / "line.tif", side, side)
     out = tmp_path / ("out.tif" if command == "render" else "out.h5")
     assert run([command, str(path), "-o", str(out), *(SUN if command == "render" else [])]) == 1
     assert said in capsys.readouterr().err.splitlines()[-1]

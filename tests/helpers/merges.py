@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import summarise_usable, usable
+from lcp_catalog.catalog.stored import StoredFile, stored_catalog
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import enu_rotation, lonlat_to_mcmf
 from lcp_catalog.landmarks.selection import stable_id
@@ -106,3 +109,23 @@ def chosen_by_search(inputs: list[Catalog], spacing_m: float) -> dict[int, tuple
         if own not in found and all(away >= spacing_m for away in near):
             found[own] = (number, row)
     return found
+
+
+def read(path: Path | str) -> Catalog:
+    """A file that a test wrote, unchecked: a check takes a process, and has tests of its own."""
+    return stored_catalog(StoredFile.of(path))
+
+
+def written(folder: Path, inputs: list[Catalog], first: str = "a") -> list[Path]:
+    paths = [folder / f"{chr(ord(first) + k)}.h5" for k in range(len(inputs))]
+    for path, catalog in zip(paths, inputs, strict=True):
+        write_catalog(catalog, path)
+    return paths
+
+
+def neighbours() -> list[Catalog]:
+    """Two neighbours that overlap by a third, with other points and flags in the second."""
+    every = whole()
+    east = disturbed(part(every, 3.2, 4.9), seed=5)
+    cells = replace(east.coverage, status=np.roll(east.coverage.status, 3))
+    return [part(every, 2.1, 3.9), replace(east, coverage=cells)]

@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from helpers import merges
 from helpers.small_build import CONFIG, DEM
 
+from lcp_catalog.catalog import comparison
+from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.production.run import Build, BuildRun
 
 
@@ -20,3 +23,15 @@ def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("build") / "small.h5"
     BuildRun(plan, output).whole()
     return output
+
+
+@pytest.fixture(scope="module")
+def inputs() -> list[Catalog]:
+    """Two catalogues to merge."""
+    return merges.neighbours()
+
+
+@pytest.fixture
+def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Catalogues that a test wrote are read unchecked."""
+    monkeypatch.setattr(comparison, "open_catalog", lambda path, check=True: merges.read(path))

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import catalogs, merges, real_heights
+from helpers import catalogs, merges
+from helpers.merges import read, written
 from helpers.small_build import CONFIG, DEM
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import map_coordinates
 
-from lcp_catalog.catalog import comparison
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare_catalogs
 from lcp_catalog.catalog.model import Promise
@@ -22,47 +21,21 @@ from lcp_catalog.catalog.origins import Origin, origins
 from lcp_catalog.catalog.promise import kept_promise, promise_rows
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import Cause, usable
-from lcp_catalog.catalog.stored import StoredFile, stored_catalog
 from lcp_catalog.catalog.summary import describe
 from lcp_catalog.catalog.verification import verify
-from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
 from lcp_catalog.production.merging import MergedMaps, merge_catalogs
-from lcp_catalog.production.overlap import MergedPart, contradiction
+from lcp_catalog.production.overlap import MergedPart
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.validation.claims import search_radius_m
 
+pytestmark = pytest.mark.usefixtures("unchecked")
+
 STATUS_ORDER = [4, 1, 2, 3, 5, 0]
 """Codes of a cell's status: of several reports the one that comes last here holds."""
-
-
-def read(path: Path | str) -> Catalog:
-    """A file that a test wrote, unchecked: a check takes a process, and has tests of its own."""
-    return stored_catalog(StoredFile.of(path))
-
-
-@pytest.fixture(autouse=True)
-def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(comparison, "open_catalog", lambda path, check=True: read(path))
-
-
-def written(folder: Path, inputs: list[Catalog], first: str = "a") -> list[Path]:
-    paths = [folder / f"{chr(ord(first) + k)}.h5" for k in range(len(inputs))]
-    for path, catalog in zip(paths, inputs, strict=True):
-        write_catalog(catalog, path)
-    return paths
-
-
-@pytest.fixture(scope="module")
-def inputs() -> list[Catalog]:
-    """Two neighbours that overlap by a third, with other points and flags in the second."""
-    every = merges.whole()
-    east = merges.disturbed(merges.part(every, 3.2, 4.9), seed=5)
-    cells = replace(east.coverage, status=np.roll(east.coverage.status, 3))
-    return [merges.part(every, 2.1, 3.9), replace(east, coverage=cells)]
 
 
 @pytest.fixture(scope="module")
@@ -170,175 +143,6 @@ def test_of_two_overviews_the_finer_one_holds(inputs: list[Catalog]) -> None:
         assert (found.height[known & (x > 450.0)] > 5e4).all()
         assert known[x < -450.0].any()
         assert known[x > 450.0].any()
-
-
-# -- heights that contradict each other
-
-
-def relief(catalog: Catalog, change: Any, *parts: str) -> Catalog:
-    """The catalogue with changed heights: of the overview, of the patches, or of both."""
-    dem, view = catalog.dem, catalog.overview
-    dem = change(dem) if "patches" in parts else dem
-    height = change(view.height) if "overviews" in parts else view.height
-    return replace(catalog, dem=dem, overview=replace(view, height=height))
-
-
-CONTRADICTIONS = {
-    "mirrored": lambda z: z[..., ::-1],
-    "upside down": lambda z: -z,
-    "in kilometres": lambda z: z / 1e3,
-}
-
-
-@pytest.mark.parametrize("what", ["overviews", "patches"])
-@pytest.mark.parametrize("change", CONTRADICTIONS)
-def test_contradicting_heights_of_the_same_ground_are_refused(
-    what: str, change: str, inputs: list[Catalog], tmp_path: Path
-) -> None:
-    other = relief(inputs[1], CONTRADICTIONS[change], what)
-    sigma = {**inputs[1].errors, "height_sigma_m": 2.0}
-    paths = written(tmp_path, [replace(one, errors=sigma) for one in (inputs[0], other)])
-    says = rf"cannot be merged with .*: its heights differ by .* places of the {what}\), beyond"
-    for order in (paths, paths[::-1]):
-        with pytest.raises(CatalogError, match=says) as raised:
-            merge_catalogs(order, tmp_path / "m.h5")
-        assert "\n" not in str(raised.value)
-    assert not (tmp_path / "m.h5").exists()
-
-
-@pytest.mark.parametrize(("away_m", "merged"), [(80.0, True), (110.0, False)])
-def test_what_the_errors_explain_is_merged(
-    away_m: float, merged: bool, inputs: list[Catalog], tmp_path: Path
-) -> None:
-    """Three sigmas of a difference of two errors of 20 m, as published of GLD100, are 85 m."""
-    other = relief(inputs[1], lambda z: z + np.float32(away_m), "overviews")
-    products = (
-        np.full(len(inputs[0]), "GLD100_256", object),
-        np.full(len(other), "GLD100_256", object),
-    )
-    stated = [
-        replace(one, dem_product=names)
-        for one, names in zip((inputs[0], other), products, strict=True)
-    ]
-    paths = written(tmp_path, stated)
-    if merged:
-        merge_catalogs(paths, tmp_path / "m.h5")
-    else:
-        with pytest.raises(CatalogError, match=r"differ by 110\.0 m .* beyond the \d\d\.\d m"):
-            merge_catalogs(paths, tmp_path / "m.h5")
-
-
-Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
-
-
-def showing(
-    catalog: Catalog, surface: Surface, east_m: float = 0.0, north_m: float = 0.0, up_m: float = 0.0
-) -> Catalog:
-    """The catalogue with an overview of a surface that lies elsewhere."""
-    view = catalog.overview
-    lon, lat = view.plane.lonlat(*np.meshgrid(view.x, view.y))
-    degree_m = np.radians(1.0) * 1_737_400.0
-    height = surface(lon - east_m / degree_m / np.cos(np.radians(lat)), lat - north_m / degree_m)
-    errors = {**catalog.errors, "position_sigma_m": 38.0, "height_sigma_m": 40.0}
-    view = replace(view, height=(height + up_m).astype(np.float32))
-    return replace(catalog, overview=view, errors=errors)
-
-
-def other_product(seed: int) -> Surface:
-    """Hadley as another survey would have it: half as sharp, with errors of 15 m alike over 500 m and 8 m over 12 km."""
-    dice = np.random.default_rng(seed)
-
-    def errors(sigma_m: float, length_px: float) -> np.ndarray:
-        made = gaussian_filter(dice.normal(size=(640, 640)), length_px)
-        return np.asarray(sigma_m * made / made.std())
-
-    error = errors(15.0, 1.0) + errors(8.0, 25.0) + 5.0
-
-    def surface(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
-        away = [(i / 64.0, j / 64.0) for i in (-0.7, 0.7) for j in (-0.7, 0.7)]
-        blurred = sum(real_heights.hadley(lon + i, lat + j) for i, j in away) / 4.0
-        return np.asarray(blurred + real_heights.bilinear(error, lon * 63.0, (lat - 20.0) * 63.0))
-
-    return surface
-
-
-SHIFTS = [
-    ({"east_m": 474.0}, r"the same ground lies 4[67]\d \+- \d+ m apart \(fitted to \d+ places of the overviews\), beyond"),
-    ({"north_m": -237.0}, r"the same ground lies 2[234]\d \+- \d+ m apart"),
-    ({"up_m": 100.0}, r"its heights differ throughout by (9\d|10\d)\.\d \+- \d+\.\d m"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("shift", "says"), SHIFTS)
-@pytest.mark.parametrize("surface", [real_heights.hadley, other_product(1)])
-def test_ground_that_lies_elsewhere_is_refused(
-    shift: dict[str, float], says: str, surface: Surface, inputs: list[Catalog], tmp_path: Path
-) -> None:
-    """A cell of GLD100 or a half, and 100 m up, of the same DEM and of another product; in any order."""
-    west, east = showing(inputs[0], real_heights.hadley), showing(inputs[1], surface, **shift)
-    paths = written(tmp_path, [west, east])
-    for order in (paths, paths[::-1]):
-        with pytest.raises(CatalogError, match=says):
-            merge_catalogs(order, tmp_path / "m.h5")
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_honest_products_of_the_same_ground_are_merged(
-    seed: int, inputs: list[Catalog], tmp_path: Path
-) -> None:
-    """Also if each lies as far off as errors of place and published errors allow."""
-    east = showing(inputs[1], other_product(seed), east_m=75.0, north_m=-75.0, up_m=25.0)
-    west = showing(inputs[0], real_heights.hadley)
-    merge_catalogs(written(tmp_path, [west, east]), tmp_path / "m.h5")
-
-
-def test_heights_of_lola_and_of_images_are_merged(inputs: list[Catalog], ldem_4: Path) -> None:
-    """Two real surveys: GLD100 and LOLA's LDEM_4, of cells of 7.6 km; not if its map is moved by two of them."""
-    lola = np.fromfile(ldem_4 / "LDEM_4.IMG", "<i2").reshape(720, 1440) / 2.0
-    region = [Area.from_bounds(0.5, 20.5, 9.5, 29.5)]
-
-    def lola_at(lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
-        return real_heights.bilinear(lola, lon * 4.0 - 0.5, (90.0 - lat) * 4.0 - 0.5)
-
-    def part(surface: Surface, step_m: float, east_m: float = 0.0) -> MergedPart:
-        axis = step_m * np.arange(-int(76e3 / step_m), int(76e3 / step_m) + 1)
-        view = inputs[0].overview
-        view = replace(view, x=axis, y=axis[::-1], height=np.zeros((len(axis), len(axis))))
-        wide = replace(inputs[0].take(np.zeros(0, int)), overview=view)
-        return MergedPart(showing(wide, surface, east_m), region)
-
-    images = part(real_heights.hadley, 1900.0)
-    assert contradiction(images, part(lola_at, 7600.0)) == ""
-    assert "apart" in contradiction(images, part(lola_at, 7600.0, -15_200.0))
-
-
-def test_flat_noise_has_no_place(inputs: list[Catalog]) -> None:
-    """What fits best by chance is no shift: of 40 pairs of plains that differ by noise none is refused."""
-    region = [Area.from_bounds(2.1, 24.9, 4.9, 27.1)]
-    dice = np.random.default_rng(7)
-
-    def plain(_: np.ndarray, lat: np.ndarray) -> np.ndarray:
-        return np.asarray(dice.normal(0.0, 15.0, lat.shape))
-
-    for width in (8, 60) * 20:
-        view = inputs[0].overview
-        some = (slice(20, 20 + width),) * 2
-        view = replace(view, x=view.x[some[1]], y=view.y[some[0]], height=view.height[some])
-        one, other = (
-            MergedPart(showing(replace(inputs[0], overview=view), plain), region) for _ in range(2)
-        )
-        assert contradiction(one, other) == ""
-
-
-def test_heights_of_other_ground_are_not_compared(inputs: list[Catalog], tmp_path: Path) -> None:
-    west = merges.part(merges.whole(), 2.1, 3.0)
-    east = merges.part(merges.whole(), 4.0, 4.9)
-    half, x = west.overview.height.copy(), west.overview.x
-    half[:, x > 0.0] = np.nan
-    flipped = np.where(x > 0.0, -east.overview.height, np.nan).astype(np.float32)
-    west = replace(west, overview=replace(west.overview, height=half))
-    east = replace(east, overview=replace(east.overview, height=flipped))
-    merge_catalogs(written(tmp_path, [west, east]), tmp_path / "m.h5")
 
 
 def test_the_order_of_the_inputs_does_not_matter(paths: list[Path], tmp_path: Path) -> None:
