@@ -430,6 +430,11 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
     echo(_plan_text(document, workers))
     if share is not None:
         echo(f"claims for {100.0 * share:.0f} % of the camera's pixels, by the views")
+    if (turned := document["one_direction"])["flags_changed"] > 0.0005:
+        echo(
+            f"one Sun direction an area: about {turned['flags_changed']:.1%} of the unshadowed flags at "
+            f"{turned['sun_elevation']:g} deg of Sun are others than under the points' own Suns (-v: more)"
+        )
     if worth := document.get("albedo_worth"):
         told = "; ".join(
             f"{one['sun_elevation']:g} deg {one['usable']:g} ({one['without']:g})" for one in worth

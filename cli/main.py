@@ -60,6 +60,13 @@ class LazyGroup(click.Group):
         command: click.Command = module.command
         return command
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Takes -v and --debug after the command, too."""
+        end = args.index("--") if "--" in args else len(args)
+        moved = [one for one in args[:end] if one in ("-v", "-vv", "--verbose", "--debug")]
+        rest = [one for one in args[:end] if one not in moved]
+        return super().parse_args(ctx, [*moved, *rest, *args[end:]])
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:

@@ -58,14 +58,17 @@ def command(
     from lcp_catalog.rendering.pipeline import prepare
     from lcp_catalog.rendering.public import encode, picture, png
     from lcp_catalog.rendering.public import explain as explained
-    from lcp_catalog.rendering.renderer import priced
+    from lcp_catalog.stages import shares_of_time
 
     options.check_outputs(overwrite, output, preview)
     request = asked.request()
     compile_missing("render")
-    scene, costs = prepare(request), None
-    if output is not None:
-        image, costs = priced(scene.expose)
+    image = None
+    with shares_of_time() as costs:
+        scene = prepare(request)
+        if output is not None:
+            image = scene.expose()
+    if output is not None and image is not None:
         files = {output: encode(scene, image)}
         if preview is not None:
             seen = image.radiance if image.colour is None else image.colour
@@ -73,7 +76,7 @@ def command(
             files[preview] = png(picture(shown))
         write_files(files, overwrite)
     if explain:
-        found = explained(scene, costs)
+        found = explained(scene, None if image is None else costs)
         for one in found["decisions"]:
             one["switch"] = one["switch"] and option_of(one["switch"])
         echo(json.dumps(found, indent=2))

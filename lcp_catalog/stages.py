@@ -1,8 +1,18 @@
-"""What a long call is doing, for who shows it: the library says it as it goes on, `lcp` prints it now and then."""
+"""What a long call is doing, for who shows it: the library says it as it goes on, `lcp` prints it now and then; and what
+each part of it takes, for who asks.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 def _unheard(text: str) -> None:
@@ -24,3 +34,38 @@ def part(text: str) -> None:
     """Name the part of the work to which the next stages belong; empty: the whole."""
     global _within  # noqa: PLW0603  one process computes one thing at a time
     _within = f"{text}, " if text else ""
+
+
+_SPENT: ContextVar[dict[str, float] | None] = ContextVar("spent", default=None)
+
+
+def timed(effect: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """The time of a function counts as the effect's in `shares_of_time`; it is a stage of its own."""
+
+    def around(function: Callable[_P, _R]) -> Callable[_P, _R]:
+        @wraps(function)
+        def watched(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+            stage(effect)
+            start, book = time.perf_counter(), _SPENT.get()
+            found = function(*args, **kwargs)
+            if book is not None:
+                book[effect] = book.get(effect, 0.0) + time.perf_counter() - start
+            return found
+
+        return watched
+
+    return around
+
+
+@contextmanager
+def shares_of_time() -> Iterator[dict[str, float]]:
+    """Measures what is done in the context: after it, the share of its time that each `timed` effect took."""
+    book: dict[str, float] = {}
+    token, start = _SPENT.set(book), time.perf_counter()
+    try:
+        yield book
+    finally:
+        _SPENT.reset(token)
+    whole = time.perf_counter() - start
+    for effect in book:
+        book[effect] /= whole

@@ -37,6 +37,14 @@ def turned_share(tolerance_deg: float, sun_deg: float) -> float:
     return float(np.interp(sun_deg, TURNED_DEG, TURNED)) * tolerance_deg / 0.5
 
 
+def turned_flags(
+    tolerance_deg: float, own_sun_deg: float, suns_deg: Sequence[float]
+) -> tuple[float, float]:
+    """The lowest Sun of a grid, degrees, under which an area has one direction, and the share of its flags that changes."""
+    lowest_deg = min((deg for deg in suns_deg if deg > own_sun_deg), default=90.0)
+    return lowest_deg, turned_share(tolerance_deg, lowest_deg)
+
+
 def of_a_build(
     direction_tolerance_deg: float, own_sun_deg: float, suns_deg: Sequence[float]
 ) -> tuple[Decision, ...]:
@@ -51,8 +59,7 @@ def of_a_build(
             "unshadowed flag is another than under it (measured)"
         )
     tolerance_deg = direction_tolerance_deg
-    others_deg = min((deg for deg in suns_deg if deg > own_sun_deg), default=90.0)
-    share = turned_share(tolerance_deg, others_deg)
+    others_deg, share = turned_flags(tolerance_deg, own_sun_deg, suns_deg)
     if share > 0.0005:
         turned += (
             f"; about {share:.1%} of the unshadowed flags at {others_deg:g} deg of Sun are others than under the points' "

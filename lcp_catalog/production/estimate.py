@@ -17,6 +17,7 @@ from ..rendering.decisions import Decision
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
+from .build_decisions import turned_flags
 from .executor import are_forked
 from .finished_area import record_type, table_of, units_of
 from .promise import PromisedPlaces
@@ -138,6 +139,11 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
             *results[0].plan.to_json()["decisions"],
         ],
     }
+    model = config.model
+    sun_deg, share = turned_flags(
+        model.direction_tolerance_deg, model.precision.own_sun_deg, config.sun.elevations_deg
+    )
+    found["one_direction"] = {"sun_elevation": sun_deg, "flags_changed": share}
     if config.model.albedo_file is not None:
         found["albedo_worth"] = _albedo_worth(level, sample, results[0])
     return found
@@ -236,6 +242,7 @@ def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dic
         "seconds_estimate": round(total["seconds_estimate"] - again * start_s, 1),
         "bytes_estimate": total["bytes_estimate"] - again * FILE_BYTES,
         "decisions": levels[0]["decisions"],
+        "one_direction": levels[0]["one_direction"],
         **{key: value for key, value in levels[0].items() if key == "albedo_worth"},
         "levels": [{"gsd_m": m} | level for m, level in zip(cells, levels, strict=True)],
     }

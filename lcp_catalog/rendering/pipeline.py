@@ -30,7 +30,7 @@ from ..light.sky_sampling import SKY_FLOOR_RAD, sky_rms
 from ..light.sources import Lighting, light_above_horizon
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
-from ..stages import stage
+from ..stages import stage, timed
 from ..terrain.area import Area, NodeWindow
 from ..terrain.surroundings import SunRays, build_surrounded, surroundings
 from ..terrain.terrain import Terrain, terrain_from_area
@@ -244,7 +244,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
     warn_of_disagreements(dems, area.bounds)
     light = request.lighting(area.frame)
     terrain, view, ring = _ground(request, area, grows, light)
-    choice = choose_model(
+    choice = timed("reflectance")(choose_model)(
         terrain, light.first.direction.vector, view, request.accuracy, request.model
     )
     plan = plan_scene(
@@ -306,13 +306,15 @@ def _ground(
     """The terrain of an area with the terrain around it that can shadow or hide it, the view, and the
     decision about the terrain around. ``grows``: enlarge the area to hold all that the camera sees.
     """
-    place = place_on_terrain(request, area, grows)
+    place = timed("relief")(place_on_terrain)(request, area, grows)
     lowest = light.lowest_tangent
     if light.sky is not None:
         lowest = min(lowest, math.tan(SKY_FLOOR_RAD))
     ring_m = min(place.ring_m, RING_MAX_M)
-    around = surroundings(place.ground, SunRays.all_around(lowest), ring_m)
-    terrain = build_surrounded(place.ground, around)
+    around = timed("terrain beyond the area")(surroundings)(
+        place.ground, SunRays.all_around(lowest), ring_m
+    )
+    terrain = timed("relief")(build_surrounded)(place.ground, around)
     if not np.isfinite(terrain.field.z_m[slice(*terrain.core[:2]), slice(*terrain.core[2:])]).any():
         terrain_from_area(request.ground, area, place.ground.gsd_m)  # raises the error
     needed_m = max(around.needed_m, place.ring_m)
@@ -350,6 +352,7 @@ def _sun_alone(light: Lighting) -> bool:
     return light.sky is None and not light.others
 
 
+@timed(decisions.SCATTERED)
 def _bounced(
     request: Request, terrain: Terrain, light: Lighting, view: View, model: Reflectance
 ) -> Decision:

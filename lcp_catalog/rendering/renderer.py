@@ -15,13 +15,9 @@ of the disc: the error of the cosine of incidence is below sin(0.267 deg) = 0.00
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from functools import wraps
 from html import escape
-from typing import Any, ParamSpec, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +36,7 @@ from ..light.sources import Lighting, LightSource, SurfacePoints, light_above_ho
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, bands_of_nodes, photometry, radiance_under
 from ..photometry.srgb import luminance
 from ..plots.pictures import new_axis, shown
-from ..stages import stage
+from ..stages import timed
 from ..terrain.far_terrain import HorizonPoints
 from ..terrain.occlusion import occluded
 from ..terrain.relief_bounds import nodes_enu
@@ -52,40 +48,6 @@ Band = NDArray[np.floating]
 
 
 _BLOCK_ROWS = 256
-
-_SPENT: ContextVar[dict[str, float] | None] = ContextVar("spent", default=None)
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
-
-
-def _priced(effect: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """The time of a function counts as the effect's in `priced`; it is a stage of its own."""
-
-    def around(function: Callable[_P, _R]) -> Callable[_P, _R]:
-        @wraps(function)
-        def timed(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            stage(effect)
-            start, book = time.perf_counter(), _SPENT.get()
-            found = function(*args, **kwargs)
-            if book is not None:
-                book[effect] = book.get(effect, 0.0) + time.perf_counter() - start
-            return found
-
-        return timed
-
-    return around
-
-
-def priced(expose: Callable[[], Rendering]) -> tuple[Rendering, dict[str, float]]:
-    """What ``expose`` renders, and the share of its time that each effect takes which has work of its own."""
-    book: dict[str, float] = {}
-    token, start = _SPENT.set(book), time.perf_counter()
-    try:
-        image = expose()
-    finally:
-        _SPENT.reset(token)
-    whole = time.perf_counter() - start
-    return image, {effect: seconds / whole for effect, seconds in book.items()}
 
 
 class Albedo(Protocol):
@@ -262,7 +224,7 @@ class _Shot:
             radiance[dark] += self._bounced(_nodes_at(terrain, parallel, dark))
         colour, albedo = None, self.how.albedo
         if albedo is not None:
-            radiance, colour = in_colour(radiance * albedo.at_nodes(terrain))
+            radiance, colour = in_colour(radiance * timed("albedo")(albedo.at_nodes)(terrain))
         height = field.z_m[row0:row1, col0:col1]
         return Rendering(
             radiance, sunlit, seen, incidence, emission, phase, height_m=height, colour=colour
@@ -286,7 +248,7 @@ class _Shot:
             bands[0][...] += _radiance(normals, source, -rays, share, model)
         if self.light.sky is not None:
             at = SurfacePoints(points[seen], normals[seen], -rays[seen])
-            bands[0][seen] += sky_at_points(
+            bands[0][seen] += timed("sky light")(sky_at_points)(
                 terrain, self.light.sky, at, model, self.how.accuracy, self.how.shadows
             )
         if self.plan.bounces:
@@ -296,7 +258,7 @@ class _Shot:
         radiance: Band = bands[0]
         colour, albedo = None, self.how.albedo
         if albedo is not None:
-            factors = albedo.at_points(terrain, points[seen])
+            factors = timed("albedo")(albedo.at_points)(terrain, points[seen])
             bright = np.broadcast_to(radiance, (*factors.shape[:-1], *seen.shape)).copy()
             bright[..., seen] *= factors
             radiance, colour = in_colour(bright)
@@ -318,7 +280,7 @@ class _Shot:
             *((source, shadows) for source in self.light.others),
         ]
 
-    @_priced("cast shadows")
+    @timed("cast shadows")
     def _share_at_nodes(self, source: LightSource, shadows: bool) -> Band:
         """Share of a source above the terrain's horizon at the core's nodes, float32; 1 without ``shadows``,
         0 for a source without irradiance.
@@ -333,7 +295,7 @@ class _Shot:
         dark = occluded(field, source.direction, self.how.accuracy, core, far)
         return (~dark).astype(np.float32)
 
-    @_priced("cast shadows")
+    @timed("cast shadows")
     def _share_at_points(
         self, points: Array, normals: Array, source: LightSource, shadows: bool
     ) -> Array:
@@ -360,7 +322,7 @@ class _Shot:
             return view
         return parallel_view(self.terrain, view)
 
-    @_priced("occlusion")
+    @timed("occlusion")
     def _in_sight(self, view: View) -> Mask:
         """The core's nodes that no terrain hides from a view; all where the plan leaves that out, and for
         a scanner, whose own directions tell it.
@@ -373,7 +335,7 @@ class _Shot:
             return ~field.occluded_nodes_from(view.position_m, core)
         return ~occluded(field, view.direction, self.how.accuracy, core)
 
-    @_priced("reflectance")
+    @timed("reflectance")
     def _bands(
         self, normals: Array, towards: Array, sunlit: Band, seen: Mask
     ) -> tuple[Array, Array, Array, Array]:
@@ -386,7 +348,7 @@ class _Shot:
         angles = [np.degrees(band) for band in bands[1:]]
         return bands.radiance * irradiance, angles[0], angles[1], angles[2]
 
-    @_priced("sky light")
+    @timed("sky light")
     def _under_sky(self, view: View) -> Band | np.float32:
         """Radiance of the core's nodes under a sky."""
         sky, how = self.light.sky, self.how
@@ -394,7 +356,7 @@ class _Shot:
             return np.float32(0.0)
         return sky_at_nodes(self.terrain, sky, view, how.model, how.accuracy, how.shadows)
 
-    @_priced(SCATTERED)
+    @timed(SCATTERED)
     def _bounced(self, at: SurfacePoints) -> Array:
         """Radiance of points by light from other ground, with the albedo there; of a map in colour its
         luminance.
@@ -442,7 +404,7 @@ def check_camera(terrain: Terrain, view: View) -> None:
         )
 
 
-@_priced("occlusion")
+@timed("occlusion")
 def _first_hits(terrain: Terrain, origin: Array, rays: Array) -> Array:
     """ENU points (rows, columns, 3) where rays first meet the surface; ``origin`` (3,) of all of them, or
     (rows, 3).
@@ -463,7 +425,7 @@ def _in_core(terrain: Terrain, points: Array) -> Mask:
     return np.asarray(inside)
 
 
-@_priced("reflectance")
+@timed("reflectance")
 def _bands_parallel(
     normals: NDArray[np.float32],
     lights: list[tuple[LightSource, Band]],

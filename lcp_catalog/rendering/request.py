@@ -38,6 +38,7 @@ from ..light.sources import Lighting, earth_at, mean_earth
 from ..light.sun_choice import SunChoice
 from ..photometry.albedo_map import AlbedoMap, ColourMap
 from ..photometry.laws import Reflectance
+from ..stages import timed
 from ..terrain.area import Area
 from ..terrain.far_terrain import HorizonPoints
 from ..terrain.terrain import Terrain
@@ -92,6 +93,7 @@ class Backdrop:
         return panorama.name, panorama.pixel_rad * camera.focal_length_px
 
 
+@timed("background")
 def composite(
     photo: Rendering,
     terrain: Terrain,

@@ -43,6 +43,7 @@ from ..kernels import sphere_rays as kernel
 from ..light.sources import Lighting, LightSource
 from ..photometry.albedo_map import ColourMap
 from ..photometry.laws import DEFAULT_MODEL, Reflectance, photometry, radiance_factor
+from ..stages import timed
 from ..terrain.area import NodeWindow
 from .placement import require_above
 from .renderer import Band, Rendering, in_colour
@@ -136,6 +137,7 @@ class SurfaceMap(Protocol):
         """Means over cells of width ``gsd_m`` around places; NaN where the map has no value."""
 
 
+@timed("albedo")
 def seen_through(
     ground: SurfaceMap, points_m: Array, across_m: Array, along_m: Array, towards: Array
 ) -> Array:
@@ -366,6 +368,7 @@ def _within(frame: EnuFrame, points: Array, extent_m: Extent) -> Mask:
     return np.asarray(inside)
 
 
+@timed("reflectance")
 def _shade(
     frame: EnuFrame, normals: Array, towards: Array, light: Lighting, model: Reflectance, seen: Mask
 ) -> _Bands:

@@ -82,7 +82,9 @@ def test_plan_writes_nothing_and_speaks_json(
         "bytes_estimate",
         "decisions",
         "albedo_worth",
+        "one_direction",
     }
+    assert document["one_direction"].keys() == {"sun_elevation", "flags_changed"}
     assert document["areas"] >= 1
     assert document["views"] == 1
     assert set(document["decisions"][0]) == {"effect", "modelled", "reason", "error_bound", "unit"}
@@ -140,26 +142,29 @@ def test_a_camera_that_sees_other_ground(
     assert "the camera sees longitude" in capsys.readouterr().err
 
 
-def test_plan_is_four_lines(
+def test_plan_is_five_lines(
     tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Without an albedo map three. The decisions are shown with -v."""
+    """Without an albedo map four, with own Suns for all three. The decisions are shown with -v, also after the command."""
     small = ["build-catalog", DEM, "--config", config, "--size", "12", "--plan"]
     small += ["--center", "3.5", "26"]
     assert run(small) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 4
+    assert len(lines) == 5
     assert re.match(r"1 area x 4 Suns x 1 view, [\d,]+ cells rendered$", lines[0])
     assert re.match(r"\d+ s with --jobs 1$", lines[1])
     assert re.match(
         r"0\.\d MB of catalogue, [\d,]+ MB of memory a job, [\d,]+ MB to merge$", lines[2]
     )
     worth = r"usable candidates .* without the albedo map: 10 deg [\d.]+ \([\d.]+\); 30 deg "
-    assert re.match(worth, lines[3])
-    assert run([*small, "--albedo", "none"]) == 0
+    turned = r"one Sun direction an area: about 1\.2% of the unshadowed flags at 10 deg of Sun are others "
+    assert re.match(turned, lines[3])
+    assert re.match(worth, lines[4])
+    assert run([*small, "--albedo", "none", "--accuracy", "high"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
-    assert run(["-v", *small]) == 0
-    assert "cast shadows" in capsys.readouterr().out
+    for words in (["-v", *small], [*small, "-v"]):
+        assert run(words) == 0
+        assert "cast shadows" in capsys.readouterr().out
 
 
 def test_two_passes_in_parts(

@@ -51,6 +51,9 @@ def test_a_panorama_lights_and_is_reported(dem, skies, tmp_path, capsys):
     assert (bands["radiance"] > 0).all()  # a sky leaves nothing black
     report = json.loads(tags["environment"])
     assert report == said["light"]["environment"]
+    costs = {d["effect"]: d["cost"] for d in said["decisions"]}
+    assert 0.0 < costs["sky light"] <= 1.0 - costs["relief"]
+    assert all((d["cost"] is None) == ("cost_reason" in d) for d in said["decisions"])
     assert report["panorama"] == "clear.hdr"
     assert [one["azimuth_deg"] for one in report["sources"]] == pytest.approx([140], abs=2)
     assert report["sources"][0]["elevation_deg"] == pytest.approx(30, abs=2)

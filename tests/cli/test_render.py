@@ -226,9 +226,12 @@ def test_explain_alone_says_only_json(dem, capsys):
     captured = capsys.readouterr()
     decisions = {d["effect"]: d for d in json.loads(captured.out)["decisions"]}
     assert all(
-        set(d) == {"effect", "modelled", "reason", "error_bound", "unit", "switch", "cost"}
+        set(d)
+        == {"effect", "modelled", "reason", "error_bound", "unit", "switch", "cost", "cost_reason"}
         for d in decisions.values()
     )
+    told = {(d["cost"], d["cost_reason"]) for d in decisions.values()}
+    assert told == {(None, "not measured: no image was computed")}
     assert decisions["cast shadows"]["modelled"] is False
     assert decisions["cast shadows"]["error_bound"] == 0.0
     assert decisions["curvature"]["modelled"] is True
@@ -261,15 +264,38 @@ def test_explain_beside_an_output(dem, out, capsys):
     tags = read(out)[2]
     costs = {d["effect"]: d.pop("cost") for d in printed["decisions"]}
     switches = {d["effect"]: d.pop("switch") for d in printed["decisions"]}
+    reasons = {
+        d["effect"]: d.pop("cost_reason") for d in printed["decisions"] if "cost_reason" in d
+    }
     assert printed == json.loads(tags["scene_plan"]) | {"light": json.loads(tags["light"])}
     assert switches["cast shadows"] == switches["float width"] == "--accuracy"
     assert (switches["solar disc"], switches["perspective"]) == ("--sun", "--altitude")
     assert (switches["scattered light"], switches["relief"]) == ("--bounce", "--surface")
     assert switches["curvature"] is switches["terrain beyond the area"] is None
     known = [cost for cost in costs.values() if cost is not None]
-    assert costs["cast shadows"] > 0.0 < costs["reflectance"]
-    assert sum(known) <= 1.0
-    assert costs["curvature"] is None
+    own = "cast shadows", "reflectance", "relief", "terrain beyond the area"
+    assert all(costs[effect] > 0.0 for effect in own)
+    assert costs["solar disc"] == costs["parallax of the Sun"] == 0.0  # not modelled
+    assert 0.5 < sum(known) <= 1.0
+    assert {effect for effect, cost in costs.items() if cost is None} == set(reasons)
+    assert reasons == {
+        "curvature": "no time of its own: in the heights, which relief counts",
+        "float width": "no time of its own: the width of all numbers",
+    }
+
+
+@pytest.mark.parametrize(
+    "how", [["--sun", "disc"], ["--surface", "sphere"], ["--bounce", "on"], ["--frame", "camera"]]
+)
+def test_every_cost_is_a_share_or_has_a_reason(dem, out, capsys, how):
+    """Whatever is modelled: the shares are at most the whole, and where none is stated it says where the time counts."""
+    low = ["--sun-azimuth", "90", "--sun-elevation", "8"]
+    view = ["--off-nadir", "10", "--view-azimuth", "90", "--altitude", "100"]
+    assert run(["render", dem, "-o", str(out), "--explain", *AREA, *low, *view, *how]) == 0
+    decisions = json.loads(capsys.readouterr().out)["decisions"]
+    assert all((d["cost"] is None) == ("cost_reason" in d) for d in decisions)
+    assert all(d["modelled"] for d in decisions if d["cost"] is None)
+    assert sum(d["cost"] or 0.0 for d in decisions) <= 1.0
 
 
 def test_what_was_read_for_make(dem, tmp_path, out):
