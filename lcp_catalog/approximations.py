@@ -29,7 +29,9 @@ class Approximation:
     accuracy tier, constants and functions that are part of it; ``expected``: share of the usable conditions that
     its alternatives change on the sample, by which they are measured in turn; ``slower``: time of its slowest
     alternative, over that of the configuration, on the sample; ``fineness`` of a configuration: greater is finer; None
-    where another value is another catalogue, not the same one computed otherwise.
+    where another value is another catalogue, not the same one computed otherwise; ``sample``: of each alternative there
+    its time over that of the configuration, the share of the usable conditions that it changes (90 % interval of the mean
+    over areas), and points lost and gained (`SAMPLE`).
     """
 
     name: str
@@ -44,6 +46,7 @@ class Approximation:
     expected: float = 0.0
     slower: float = 1.0
     fineness: Callable[[Any], float] | None = None
+    sample: str = ""
 
 
 def _numbers(field: str, *factors: float) -> Callable[[Any], Values]:
@@ -161,24 +164,27 @@ def _scales(config: Any) -> Values:
 APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "accuracy tier",
-        "wrong shadows at 0.5, 0.02, 0 and 0 % of the nodes (measured; `high` proved)",
+        "wrong shadows at no more than 0.5, 0.02, 0 and 0 % of the nodes (measured, 4fadbe6, 2026-11-21; `high` proved)",
         ("model.accuracy", "model.tolerance"), _tiers,
         effects=("cast shadows", "occlusion"),
         settings=("node_error", "tolerance", "shadows", "shadow_method", "far_doubt"),
         constants=("terrain.occlusion.EPSILON", "kernels.shadows.draft.NEAR_CELLS", "kernels.shadows.draft.DENSITY"), expected=0.001,
         fineness=lambda c: _TIERS.index(c.model.precision.tier),
+        sample="draft: 0.94, 0, 0/0; high: 1.14, 0.17 % (0.043..0.29), 2/3; reference: 1.26, 0.17 % (0.043..0.29), 2/3",
     ),
     Approximation(
         "reflectance law",
-        "rms difference from Hapke's image as a share of the mean signal, stated by the scene plan; the tier's `law_residual` at most",
+        "rms difference from Hapke's image, stated by the scene plan: where the law is chosen at most 0.1, 0.05, 0.01 and 0 of the mean signal by tier",
         ("model.reflectance",), _choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
         effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS", "kernels.photometry.facet.TABLE", "kernels.photometry.facet.CONE_SIN"), expected=0.02, fineness=_law,
+        sample="lommel-seeliger:rolo: 1.04, 6.6 % (4.7..8.5), 10/11; hapke:rolo: 1.29, 2.2 % (1.1..3.4), 8/7",
     ),
     Approximation(
         "brightness of the ground",
-        "without a map the map's contrast, which the scene plan states; of what no map holds `errors.albedo_sigma`",
+        "without a map the map's contrast, which the scene plan states; of what no map holds `errors.albedo_sigma`; on your scene measured by `lcp trade`",
         ("model.albedo", "model.albedo_encoding", "model.albedo_reference"), _choices("model.albedo", "none", "moon"),
         effects=("albedo",), expected=0.08,
+        sample="none: 0.98, 8 % (2.1..14), 18/18; moon: 1.22, 2.2 % (0.15..4.2), 8/8",
     ),
     Approximation(
         "one direction per area",
@@ -186,63 +192,75 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
         effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT", "production.build_decisions.TURNED"), expected=0.01,
         fineness=lambda c: 0.01 * c.model.precision.own_sun_deg - c.model.direction_tolerance_deg,
+        sample="1: 0.43, 2.3 % (0.74..3.8), 19/16; 0.25: 1.62, 1.6 % (0.65..2.6), 16/15; own Sun to 15 deg: 1.01, 0.13 % (0.035..0.22), 2/3",
     ),
     Approximation(
         "parallel or near views",
-        "radians: half the patch and the search radius over the distance, stated by the scene plan; parallel below `model.direction_tolerance_deg`",
+        "radians: half the patch and the search radius over the distance (exact), stated by the scene plan; parallel below `model.direction_tolerance_deg`",
         ("view.altitude_km",), _altitudes, effects=("perspective",),
         constants=("production.sweep._LOWEST_VIEW_DEG", "rendering.error_bounds.SHIFT_PX"), expected=0.0001,
+        sample="near, 100 km: 8.46, 1.9 % (0.88..2.8), 4/4",
     ),
     Approximation(
         "views, interpolated between",
-        "claims of the nearest view hold to 20 deg: mean error of a probability 0.01 to 0.05 (measured, `prediction.VIEW_REACH_DEG`)",
+        "claims of the nearest view hold to 20 deg: mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25)",
         ("view.off_nadir_deg", "view.azimuth_deg"), _views,
         constants=("catalog.prediction.VIEW_REACH_DEG",), expected=0.2,
+        sample="the first alone: 0.35, 42 % (32..53), 1/1; and 35 deg from 4 sides: 1.66, 1.3 % (0.79..1.9), 2/2",
     ),
     Approximation(
         "Sun azimuths, interpolated between",
-        "99 % of the points claimed usable between the grid's Suns are (measured, with `prediction.BETWEEN_MARGIN`)",
+        "99 % of the points claimed usable between the grid's Suns are (random Suns and views, c896266, 2026-11-24)",
         ("sun.azimuths_deg",), _azimuths, constants=("catalog.prediction.BETWEEN_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.azimuths_deg),
+        sample="every second azimuth: 0.70, 2.6 % (1.2..4), 6/6; twice the azimuths: 1.34, 1.3 % (0.51..2.1), 3/3",
     ),
     Approximation(
         "Sun elevations, interpolated between",
-        "the same; below the lowest no claim is made",
+        "99 % of the points claimed usable between them are (the same measurement); below the lowest no claim is made",
         ("sun.elevations_deg",), _elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.elevations_deg),
+        sample="every second elevation: 0.70, 7.3 % (5..9.7), 12/12; twice the elevations: 1.54, 2.7 % (1.4..4), 6/5",
     ),
     Approximation(
         "cell size",
-        "detail below a cell is lost: `dem_resolution` of each point",
+        "detail below a cell is lost; on your scene measured by `lcp trade`",
         ("area.gsd_m", "area.levels_m", "area.altitudes_km", "area.ifov_rad"), _numbers("area.gsd_m", 2.0, 0.5), expected=0.3,
+        sample="948 m: 0.72, 34 % (11..57), 26/22; 237 m: 1.80, 34 % (20..47), 24/17",
     ),
     Approximation(
-        "patch size", "the claims are those of this patch; a larger one holds more signal and more of its surroundings",
+        "patch size", "none: the claims are those of this patch; what another one changes `lcp trade` measures on your scene",
         ("points.patch_nodes",), _patches, expected=0.3,
+        sample="17: 0.56, 37 % (26..48), 16/12; 65: 3.79, 38 % (20..56), 12/10",
     ),
     Approximation(
-        "search radius", "rivals beyond it do not count", ("points.search_m",), _searches, expected=0.1,
+        "search radius", "rivals beyond it do not count; on your scene measured by `lcp trade`", ("points.search_m",), _searches, expected=0.1,
+        sample="16 cells: 1.06, 0.59 % (0.24..0.93), 2/3; 34 cells: 1.60, 8.4 % (1.3..16), 6/6",
     ),
     Approximation(
         "area size", "none of its own: areas are cut at the direction tolerance or at this size; corners at their borders differ",
         ("model.area_nodes_max",), _numbers("model.area_nodes_max", 2.0, 0.125), expected=0.005,
+        sample="1024: 0.97, 0, 0/0; 64: 0.98, 0, 0/0",
     ),
     Approximation(
-        "candidates per cell", "better points are missed; a point's claims are the same",
+        "candidates per cell", "better points are missed; a point's claims are the same; on your scene measured by `lcp trade`",
         ("points.candidates_per_cell",), _numbers("points.candidates_per_cell", 0.5, 2.0), expected=0.0,
         fineness=lambda c: c.points.candidates_per_cell,
+        sample="1: 0.86, 0.098 % (0..0.21), 4/2; 4: 1.04, 0, 1/1",
     ),
     Approximation(
         "two passes",
         "points that a first look misjudges are missed: 0.98 of the usable conditions of one pass, claims the same (measured on the sample)",
         ("points.passes",), _choices("points.passes", 1, 2, usual=1), expected=0.0,
+        sample="2: 0.69, 0, 3/3",
     ),
     Approximation(
         "search at half resolution first",
-        "a probability up to 0.49 too high away from the limit (measured); `second_peak` up to 0.29 too low (97 points of Hadley, cells of 474 m)",
+        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` up to 0.29 too low (97 points of Hadley, cells of 474 m, 86f40c1, 2026-11-27)",
         ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
         constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN"),
         fineness=lambda c: c.model.precision.whole_search,
+        sample="full resolution: 1.10, 0.037 % (0.0062..0.068), 0/0",
     ),
     Approximation(
         "searched again near the limit",
@@ -250,26 +268,30 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         ("points.search_doubt",), _choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
         constants=("production.point_config.SEARCH_DOUBT",), expected=0.001,
         fineness=lambda c: sum(c.points.search_doubt or (0.035, 0.09)),
+        sample="(0.0, 0.0): 0.85, 0.71 % (0.48..0.94), 2/2; (0.1, 0.2): 1.12, 0.037 % (0.0062..0.068), 0/0",
     ),
     Approximation(
-        "image scales", "a claim for a coarser pixel is missing; between scales interpolated",
+        "image scales", "with one scale no claim for coarser pixels; between scales interpolated, with the error of that row",
         ("points.image_scales",), _scales, constants=("production.point_config.SMALLEST_PX",), expected=0.0,
+        sample="1: 0.76, 0, 0/0",
     ),
     Approximation(
         "point Sun",
-        "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (measured); a build's plan states it, a render's 1.0 is that of one node in a penumbra",
+        "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (86f40c1, 2026-11-27); a build's plan states it, a render's 1.0 is that of one node in a penumbra",
         ("model.sun",), _choices("model.sun", "point", "disc", usual="point"),
         effects=("solar disc",), settings=("disc", "disc_strips", "disc_directions", "disc_rms"),
         constants=("light.solar_disc.TRACE", "light.solar_disc.FIRST_STRIPS", "light.solar_disc.MOST_STRIPS", "light.solar_disc.CONVERGED", "light.solar_disc.STEEP_RAD", "light.solar_disc.LEAN_MAX", "rendering.error_bounds.PENUMBRA_PX"), expected=0.005,
         fineness=lambda c: c.model.sun == "disc",
+        sample="disc: 1.17, 0.4 % (0.00049..0.79), 2/2",
     ),
     Approximation(
         "far terrain",
-        "elevation of terrain that is left out, stated by the scene plan; 0.02 deg rms of the horizon from coarser cells (measured)",
+        "elevation of terrain that is left out, stated by the scene plan; 0.008 deg rms of the horizon from coarser cells at 26 N, 0.018 at 86 N (1e61e03, 2026-11-21)",
         ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
         effects=("terrain beyond the area",),
         constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE", "terrain.far_terrain.PLACES", "terrain.surroundings.NEAR_NODES", "terrain.relief_bounds.COARSE_NODES"), expected=0.005,
         fineness=lambda c: c.model.ring_max_km,
+        sample="30: 0.97, 0, 0/0; 100: 0.97, 0, 0/0",
     ),
     Approximation(
         "light by way of other ground",
@@ -277,33 +299,39 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
         effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=30.0, expected=0.01,
         fineness=lambda c: c.model.bounce == "on",
+        sample="on: 21, 0.38 % (0.16..0.59), 9/10",
     ),
     Approximation(
-        "point spread of an image", "0.5 pixels assumed: a sharper or duller image has other claims",
+        "point spread of an image", "0.5 pixels assumed; what a sharper or duller image changes stands beside",
         ("points.point_spread_px",), _choices("points.point_spread_px", 0.35, 0.7),
         constants=("landmarks.point_spread.POINT_SPREAD_PX",), expected=0.02,
+        sample="0.35: 1.00, 2 % (1.3..2.6), 3/4; 0.7: 1.01, 3.7 % (2..5.3), 4/3",
     ),
     Approximation(
-        "number of rivals", "with 12 instead of 64 the Brier score doubles in pure noise (measured)",
+        "number of rivals", "with 12 instead of 64 the Brier score doubles in pure noise (simulated, c896266, 2026-11-24); 256 change nothing on the sample",
         ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS", "landmarks.detection._CLEAR"), expected=0.002,
         fineness=lambda c: c.points.rivals or 64,
+        sample="12: 0.94, 0.012 % (0..0.045), 0/0; 256: 0.97, 0, 0/0",
     ),
     Approximation(
-        "least correlation of a match", "below it a match is refused, and the claim says so",
+        "least correlation of a match", "none: a match below it is refused, and the claim counts that; another limit changes what stands beside",
         ("points.least_correlation",), _choices("points.least_correlation", 0.2, 0.4),
         constants=("landmarks.detection.LEAST_CORRELATION",), expected=0.02,
+        sample="0.2: 1.01, 0.061 % (0.032..0.091), 0/0; 0.4: 1.00, 0.53 % (0.14..0.92), 0/0",
     ),
     Approximation(
-        "limit of dependence", "this share of a patch may be darkened or hidden from outside",
+        "limit of dependence", "at most this share of a patch is darkened or hidden from outside (exact); another limit changes what stands beside",
         ("points.max_dependence",), _numbers("points.max_dependence", 2.0, 0.5), expected=0.03,
+        sample="0.2: 0.97, 0.68 % (0.25..1.1), 2/2; 0.05: 1.04, 1.8 % (0.56..2.9), 7/8",
     ),
     Approximation(
-        "least lit share", "darker patches have no claim",
+        "least lit share", "none: darker patches have no claim; another limit changes what stands beside",
         ("points.min_lit_share",), _choices("points.min_lit_share", 0.3, 0.05), expected=0.01,
+        sample="0.3: 0.96, 0.34 % (0..0.81), 1/2; 0.05: 0.97, 0, 0/0",
     ),
     Approximation(
         "interpolation of a claim over Sun and scale",
-        "mean error of a probability 0.01 to 0.05 (measured); usable only with the margins",
+        "mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25); usable only with the margins",
         constants=("catalog.prediction.FREE_SHARE", "catalog.prediction.LONE_STEP_DEG", "catalog.prediction._LEAST_WEIGHT"),
         unpriced="no switch: it belongs to a query", price="nothing in a build; the rows of Suns and views measure it",
     ),
@@ -313,9 +341,10 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         ("points.spread_nodes",), _choices("points.spread_nodes", 1, 31, usual=5),
         constants=("landmarks.detection.SPREAD_NODES",), expected=0.0001,
         fineness=lambda c: c.points.spread_nodes or 5,
+        sample="1: 0.97, 3.5 % (2.3..4.7), 8/6; 31: 1.21, 0.012 % (0..0.043), 0/0",
     ),
     Approximation(
-        "point spread of a reduced image", "sigma is 7 and 14 % smaller in images reduced 2 and 4 times; errors were by 7 and 11 to 17 % (measured)",
+        "point spread of a reduced image", "sigma is 7 and 14 % smaller in images reduced 2 and 4 times; errors were by 7 and 11 to 17 % (photographs reduced, a6f7568, 2026-11-27)",
         constants=("landmarks.point_spread.SHARPEST_PX",), unpriced="no switch: a claim is made before it is known how often an image will be reduced",
         price="nothing in a build; with less than 0.125 pixels 24 of 224 points of a frame are lost",
     ),
@@ -330,7 +359,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         price="half the memory of an image; with float64 and every ray traced an area takes 1.2 to 1.9 times the time of `high` (2584014, 2026-11-24)",
     ),
     Approximation(
-        "resampling of the DEM", "cubic convolution (Keys, a = -0.5): exact for parabolas; bilinear beside missing pixels",
+        "resampling of the DEM", "cubic convolution (Keys 1981, a = -0.5): exact for parabolas, error of third order in the posting; bilinear beside missing pixels",
         constants=("kernels.resampling.heights.sample", "kernels.resampling.area_means._A", "kernels.resampling.area_means.SAMPLES_MAX"), unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
         price="bilinear instead changes 7.5 % of the usable conditions of the sample, cells of 474 m, and 0.99 of the time (7bb57269, 2026-11-27)",
     ),
@@ -344,9 +373,10 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         ("points.error_step",), _choices("points.error_step", 0.4, 0.01, usual=0.05),
         constants=("production.evaluation.STEP",), expected=0.0001,
         fineness=lambda c: -(c.points.error_step or 0.05),
+        sample="0.4: 1.01, 0, 0/0; 0.01: 1.01, 0, 0/0",
     ),
     Approximation(
-        "one direction to the Sun from an area", "half the area's diagonal over 1 au, stated by the scene plan",
+        "one direction to the Sun from an area", "half the area's diagonal over 1 au (exact), stated by the scene plan: 1.6e-5 deg for 60 km",
         effects=("parallax of the Sun", "motion of the Sun"), constants=("rendering.pipeline.SUN_MOVES_DEG",),
         unpriced="no switch: below 1e-4 deg in builds", price="none: a direction for each node would change no value of float32",
     ),
@@ -356,13 +386,16 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         unpriced="no approximation in builds; in renders `surface`", price="none in builds",
     ),
     Approximation(
-        "light other than the Sun's", "rms 0.6, 0.4, 0.15 and 0.06 % of the mean radiance by tier (measured)",
+        "light other than the Sun's", "rms 0.6, 0.4, 0.15 and 0.06 % of the mean radiance by tier (measured, fe00479, 2026-11-21)",
         effects=("sky light", "other sources", "Sun over sky", "background"), settings=("sky_directions", "sky_tier", "sky_rms"),
         constants=("light.sky_sampling.BETWEEN_NODES_RMS", "light.sky_sampling.SKY_FLOOR_RAD", "rendering.decisions.BACKGROUND_PX"),
         unpriced="in renders alone, by `model.accuracy`; builds have the Sun alone", price="none in builds; a plan of a render states its share of the time",
     ),
 )  # fmt: skip
 """Every approximation, once."""
+
+SAMPLE = "4 of 67 areas of the sample with 28 points, cells of 474 m, quiet, ede1714, 2026-11-27"
+"""Scene, commit and date of the figures of ``sample``."""
 
 SWITCHES = {
     effect: one.switch[0] if one.switch else None

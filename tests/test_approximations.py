@@ -9,6 +9,7 @@ import functools
 import importlib
 import importlib.util
 import math
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -16,7 +17,7 @@ from typing import Any, get_type_hints
 import pytest
 
 from lcp_catalog.accuracy import Accuracy
-from lcp_catalog.approximations import APPROXIMATIONS, Approximation
+from lcp_catalog.approximations import APPROXIMATIONS, SAMPLE, Approximation
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.config import SUN_ELEVATIONS_DEG, BuildConfig, ViewConfig
 
@@ -289,6 +290,27 @@ def test_an_approximation_has_a_bound_and_a_switch_or_a_reason(one: Approximatio
             "view.altitude_km",
         }
         assert CONFIG.replaced(values) != CONFIG
+
+
+def test_every_alternative_has_its_figures_on_the_sample() -> None:
+    """Time, conditions changed, points lost and gained of each alternative to the sample's own configuration; what has no
+    switch has a figure in its bound or its price, or is exact.
+    """
+    config = BuildConfig.from_toml(ROOT / "sample_data/hadley.toml").replaced(
+        {"area.gsd_m": 473.802, "model.reflectance": "lunar-lambert:rolo"}
+    )
+    assert re.search(r"cells of 474 m.* [0-9a-f]{7,8}, 20\d\d-\d\d-\d\d$", SAMPLE)
+    figures = r"(.+?): ([\d.]+), (0|[\d.]+ % \([\d.]+\.\.[\d.]+\)), \d+/\d+(?:; |$)"
+    for one in APPROXIMATIONS:
+        names = [found[0].removesuffix(" m") for found in re.findall(figures, one.sample)]
+        own = [
+            f"{float(name):.0f}" if one.name == "cell size" else name for name in one.values(config)
+        ]
+        assert names == own, one.name
+        assert one.sample == "; ".join(
+            m.group().rstrip("; ") for m in re.finditer(figures, one.sample)
+        )
+        assert one.sample or re.search(r"\d|\bnone\b|exact", one.bound), one.name
 
 
 def test_alternatives_belong_to_any_configuration() -> None:

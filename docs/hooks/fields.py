@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any, get_type_hints
 
-from lcp_catalog.approximations import APPROXIMATIONS
+from lcp_catalog.approximations import APPROXIMATIONS, SAMPLE
 from lcp_catalog.fields import Meaning, meanings
-from lcp_catalog.production.config import SUN_ELEVATIONS_DEG, BuildConfig
+from lcp_catalog.production.config import BuildConfig
 
 MARK, APPROXIMATED = "<!-- fields -->", "<!-- approximations -->"
 
@@ -28,12 +28,11 @@ def _rows() -> Iterator[str]:
 
 
 def approximations() -> Iterator[str]:
-    """Lines of the table of all approximations, with the alternatives to the default configuration."""
-    yield "| approximation | error | switch | price: alternatives that `lcp trade` measures |\n| --- | --- | --- | --- |"
-    usual = BuildConfig().replaced({"area.gsd_m": 118.0, "sun.elevations_deg": SUN_ELEVATIONS_DEG})
+    """Lines of the table of all approximations, with what the alternatives to the sample's configuration cost and change."""
+    yield f"| approximation | error | switch | price: alternatives ({SAMPLE}) |\n| --- | --- | --- | --- |"
     for one in APPROXIMATIONS:
         switch = ", ".join(f"`{field}`" for field in one.switch) or one.unpriced
-        yield f"| {one.name} | {one.bound} | {switch} | {'; '.join(one.values(usual)) or one.price} |"
+        yield f"| {one.name} | {one.bound} | {switch} | {one.sample or one.price} |"
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -22,10 +22,11 @@ def scattered_of_matches(node: Decision) -> Decision:
     )
 
 
-TURNED_DEG = 2.0, 3.0, 5.0, 7.0, 10.0, 12.0, 15.0, 20.0
-TURNED = 0.037, 0.023, 0.023, 0.0085, 0.0061, 0.0042, 0.0004, 0.0
+TURNED_DEG = 0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 12.0, 15.0, 20.0
+TURNED = 0.047, 0.041, 0.041, 0.023, 0.023, 0.0085, 0.0061, 0.0042, 0.0004, 0.0
 """Elevations of the Sun, and the share of the `unshadowed` flags there that are others than under the points' own Suns, for a
-tolerance of 0.5 deg (cells of 474 m, the greater of the sample's and, up to 4 deg, of that at 84 N; c167345, ede1714, 2026-11-27).
+tolerance of 0.5 deg (cells of 474 m, the greater of the sample's and, up to 4 deg, of that at 84 N; c167345, ede1714 and, up to 2
+deg, 2b1335ac, 2026-11-27).
 The share is nearly proportional to the tolerance."""
 
 TURNED_MOST = 0.005
@@ -35,6 +36,12 @@ TURNED_MOST = 0.005
 def turned_share(tolerance_deg: float, sun_deg: float) -> float:
     """Share of the `unshadowed` flags under a Sun that one direction for an area changes (`TURNED`)."""
     return float(np.interp(sun_deg, TURNED_DEG, TURNED)) * tolerance_deg / 0.5
+
+
+def _measured(sun_deg: float) -> str:
+    """Whether `TURNED` was measured under such a Sun."""
+    lowest = TURNED_DEG[0]
+    return "measured" if sun_deg >= lowest else f"extrapolated from {lowest:g} deg"
 
 
 def turned_flags(
@@ -63,7 +70,7 @@ def of_a_build(
     if share > 0.0005:
         turned += (
             f"; about {share:.1%} of the unshadowed flags at {others_deg:g} deg of Sun are others than under the points' "
-            "own Suns (measured)"
+            f"own Suns ({_measured(others_deg)})"
         )
     if share > TURNED_MOST:
         most = TURNED_MOST * 0.5 / tolerance_deg

@@ -230,6 +230,13 @@ def test_terrain_beyond_the_configured_limit_is_stated() -> None:
         (0.25, 0.0, (5.0, 10.0), "own Suns up to 7 deg"),
         (0.5, 7.0, (5.0, 10.0), "about 0.6% of the unshadowed flags at 10 deg"),
         (0.5, 12.0, (5.0, 10.0), "there no unshadowed flag is another"),
+        (
+            0.5,
+            0.0,
+            (0.5, 4.0),
+            "about 4.7% of the unshadowed flags at 0.5 deg of Sun are others than under the points' own Suns (measured)",
+        ),
+        (0.5, 0.0, (0.2, 4.0), "own Suns (extrapolated from 0.5 deg)"),
     ],
 )
 def test_a_plan_says_what_one_direction_changes_at_the_lowest_sun(
