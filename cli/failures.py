@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import signal
 
 import click
 
@@ -16,7 +17,6 @@ _NO_MEMORY = "failed to map segment", "Could not find/load shared object"
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
-EXIT_INTERRUPTED = 130
 
 
 def exit_code_of(error: BaseException) -> int:
@@ -30,12 +30,9 @@ def exit_code_of(error: BaseException) -> int:
             error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
-        stopped = (
-            error.__cause__ if isinstance(error, click.Abort) else error
-        )  # click's own wrapper
-        by = f"stopped by {stopped.name}" if isinstance(stopped, Stopped) else "interrupted"
-        code = stopped.exit_code if isinstance(stopped, Stopped) else EXIT_INTERRUPTED
-        say(f"lcp: {by}; no incomplete output was left", "error", exit_code=code)
+        stopped = error if isinstance(error, Stopped) else Stopped(signal.SIGINT)
+        code = stopped.exit_code
+        say(f"lcp: {stopped.how}; no incomplete output was left", "error", exit_code=code)
         return code
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else EXIT_FAILED

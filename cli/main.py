@@ -17,7 +17,7 @@ import click
 from lcp_catalog._version import __version__
 
 from .messages import log_format_option, reset, show_log
-from .signals import stopping_signals
+from .signals import Stopped, stopping_signals
 
 COMMANDS = {
     # name: (module, one line for the overview)
@@ -148,14 +148,19 @@ def _open_standard_streams() -> None:
 
 def _log_unraisable(found: Any) -> None:
     """Log an error that cannot be raised, like that of rasterio's log for a message that is not UTF-8; the
-    call in which it happened has an error of its own.
+    call in which it happened has an error of its own. Of a signal nothing is said: it is sent again.
     """
     logging.getLogger(__name__).debug("ignored in %r: %r", found.object, found.exc_value)
 
 
 def _show_raised(kind: type[BaseException], error: BaseException, where: Any) -> None:
-    """Print a traceback (`--debug`), but not of the error above, which was never raised in Python."""
-    if where is not None:
+    """Print a traceback (`--debug`), but not of the error above, which was never raised in Python, and not of a signal, which
+    C code prints before the interpreter comes to the function above.
+    """
+    if issubclass(kind, Stopped):
+        for name in ("last_value", "last_traceback", "last_exc"):  # else it counts as on its way
+            setattr(sys, name, None)
+    elif where is not None:
         sys.__excepthook__(kind, error, where)
 
 
@@ -170,7 +175,9 @@ def run(arguments: list[str]) -> int:
     except click.exceptions.Exit as exit_:
         return exit_.exit_code
     except BaseException as error:
-        if "--debug" in arguments and not isinstance(error, click.ClickException | click.Abort):
+        if "--debug" in arguments and not isinstance(
+            error, click.ClickException | click.Abort | KeyboardInterrupt
+        ):
             raise
         return exit_code_of(error)
     return result if isinstance(result, int) else 0

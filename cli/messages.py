@@ -52,16 +52,21 @@ def clear() -> None:
 
 
 def say(text: str, event: str = "message", **facts: Any) -> None:
-    """Write a line on stderr; as JSON with the time, the kind of ``event`` and its facts. Names of the
+    """Write a `line` on stderr."""
+    if event == "progress":
+        _State.progress_at = time.monotonic()
+    echo(line(text, event, **facts), err=True)
+
+
+def line(text: str, event: str = "message", **facts: Any) -> str:
+    """A line for stderr; as JSON with the time, the kind of ``event`` and its facts. Names of the
     library's parameters become options.
     """
     text = in_options(text)
-    if event == "progress":
-        _State.progress_at = time.monotonic()
     if _State.as_json:
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         text = json.dumps({"time_utc": now, "event": event, "text": text, **facts})
-    echo(text, err=True)
+    return text
 
 
 def silent_s() -> float:

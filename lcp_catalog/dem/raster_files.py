@@ -11,9 +11,10 @@ import os
 import stat
 import threading
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,7 +24,10 @@ import rasterio
 from rasterio._err import CPLE_BaseError
 from rasterio.errors import CRSError, NotGeoreferencedWarning, RasterioError
 from rasterio.io import DatasetReader
+from rasterio.windows import Window
 
+from ..atomic_files import file_state
+from ..child_process import ChildFailedError, call_apart
 from ..errors import DemError
 from ..file_kinds import other_kind
 from ..remote_files import first_state, gdal_name, server_state, url_of
@@ -33,6 +37,13 @@ DRIVERS = (
     *("EHdr", "AAIGrid", "PNG", "JPEG", "GIF", "BMP", "WEBP"),
 )
 """GDAL's drivers that may open a file: of formats that name no other file, or only their own parts."""
+
+_ALONE = ("GTiff", "VRT", "JP2OpenJPEG", "AAIGrid", "PNG", "JPEG", "GIF", "BMP", "WEBP")
+"""Those that open nothing but files of the same folder, and files that were judged here (VRT). The label of any other
+format can name a pipe anywhere.
+"""
+_OPENING_S, _ARCHIVE_BYTES_S = 1.0, 20e6
+"""Processor time in which a file must be opened, and bytes of an archive that are unpacked in a second of it."""
 
 UNREADABLE = (RasterioError, CRSError, OSError, UnicodeError, CPLE_BaseError)
 """Errors of rasterio for a file that cannot be opened or read: also for names and texts that are not UTF-8, and
@@ -79,9 +90,9 @@ def open_raster(path: Path, kind: str) -> tuple[Any, tuple[Path, ...]]:
                         todo.append(new)
                         seen.add(new.name)
             if one is not todo[0] and one.is_raster and xml is None:
-                with opened(one.name, f"a raster (named by {one.by})") as dataset:
+                with _opened_in_time(one.name, f"a raster (named by {one.by})", file) as dataset:
                     _add(files, _no_vrt_in_archive(one.name, dataset))
-        dataset = _no_vrt_in_archive(name, opened(name, kind))
+        dataset = _no_vrt_in_archive(name, _opened_in_time(name, kind, next(iter(files))))
         _add(files, dataset)
     return dataset, tuple(files)
 
@@ -93,11 +104,66 @@ def _no_vrt_in_archive(name: str, dataset: Any) -> Any:
     return dataset
 
 
-def opened(name: str, kind: str) -> Any:
+def _opened_in_time(name: str, kind: str, file: Path) -> Any:
+    """`opened`, but where GDAL could wait for the writer of a pipe, it opens the file in another process before, which is
+    ended if it takes too long. ``file``: the file itself, or the archive that it lies in.
+    """
+    folder = os.path.dirname(os.path.abspath(file))
+    if not _holds_pipe(folder, os.stat(folder).st_mtime_ns):
+        with suppress(DemError):
+            return opened(name, kind, _ALONE)
+    if failed := _failed(name, file_state(os.stat(file))):
+        raise DemError(
+            f"{name}: opening it {failed}; a file that it names, or one beside it, may be a pipe or a device: only "
+            "plain files are read"
+        )
+    return opened(name, kind)
+
+
+@lru_cache(maxsize=64)
+def _failed(name: str, state: tuple[int, ...]) -> str:
+    """How the process that opened a file ended; empty if it came to an end."""
+    size = state[2] if name.startswith("/vsi") else 0
+    try:
+        call_apart(open_all, name, _OPENING_S + size / _ARCHIVE_BYTES_S)
+    except ChildFailedError as error:
+        return str(error)
+    return ""
+
+
+@lru_cache(maxsize=64)
+def _holds_pipe(folder: str, _changed_ns: int) -> bool:
+    """True if a pipe or a device, or a link to one, stands in a folder: GDAL opens files by itself whose names are
+    made of that of a raster.
+    """
+    with os.scandir(folder) as entries:
+        return any(_is_pipe(one) for one in entries)
+
+
+def _is_pipe(entry: os.DirEntry[str]) -> bool:
+    try:
+        return not (entry.is_file() or entry.is_dir()) and os.path.exists(entry)
+    except OSError:
+        return False
+
+
+def open_all(name: str) -> None:
+    """Open a file by GDAL, and what it opens later by itself, when that is asked for. Errors are left to the next try."""
+    try:
+        with opened(name, "a raster") as dataset:
+            for number in dataset.indexes[:1]:
+                dataset.overviews(number), dataset.files, dataset.tags()
+                dataset.read_masks(number, window=Window(0, 0, 1, 1))
+                dataset.read(number, window=Window(0, 0, 1, 1))
+    except UNREADABLE:
+        return
+
+
+def opened(name: str, kind: str, drivers: Sequence[str] = DRIVERS) -> Any:
     """A file opened by GDAL without a look at what it names; DemError as `open_raster`. Of files on a server only
     GeoTIFFs are read, which name no other.
     """
-    url, drivers = url_of(name), list(DRIVERS)
+    url = url_of(name)
     if url is not None:
         first_state(url)
         name, drivers = url, ["GTiff"]  # the URL in messages
@@ -106,7 +172,7 @@ def opened(name: str, kind: str) -> Any:
             warnings.simplefilter(
                 "ignore", NotGeoreferencedWarning
             )  # said where the grid is needed
-            dataset = DatasetReader(f"/vsicurl/{url}" if url else name, driver=drivers)
+            dataset = DatasetReader(f"/vsicurl/{url}" if url else name, driver=list(drivers))
     except UNREADABLE as error:
         other = other_kind(name, kind, raster=True)
         why = other or f"not {kind} that can be read here ({cause_of(error)})"

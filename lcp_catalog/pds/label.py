@@ -13,6 +13,14 @@ from ..errors import LabelError
 _LARGEST_FILE = 1e15
 
 
+def beginning(path: Path, size: int) -> bytes:
+    """The first bytes of a file. LabelError for a pipe, which would wait for its writer."""
+    if path.is_fifo():
+        raise LabelError(f"{path}: is a pipe; only plain files are read")
+    with path.open("rb") as file:
+        return file.read(size)
+
+
 @dataclass(frozen=True)
 class DeclaredStatistics:
     """Statements of a label that are not needed to read the pixels; None where the label has none.

@@ -20,7 +20,7 @@ from typing import Any
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
 from ..geometry.bounds import wrapped_deg
-from .label import DeclaredStatistics, Label, file_bytes, refuse_foreign
+from .label import DeclaredStatistics, Label, beginning, file_bytes, refuse_foreign
 
 Pvl = dict[str, Any]
 """Statements of a label; an OBJECT or GROUP is a nested dictionary, a number with a unit a
@@ -192,8 +192,7 @@ def parse_pds3(text: str, path: Path) -> Label:
 
 def read_label_text(path: Path) -> str | None:
     """Text of the PDS3 label that ``path`` is or begins with; None for other files."""
-    with path.open("rb") as file:
-        head = file.read(_MAX_LABEL_BYTES)
+    head = beginning(path, _MAX_LABEL_BYTES)
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").upper().startswith(b"PDS_VERSION_ID"):
         return None
     return head.decode("latin-1")

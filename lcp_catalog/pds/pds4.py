@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 
 from ..errors import LabelError
 from . import pds3
-from .label import DeclaredStatistics, Label, file_bytes, refuse_foreign
+from .label import DeclaredStatistics, Label, beginning, file_bytes, refuse_foreign
 
 _DTYPES = {
     "IEEE754LSBSingle": "<f4",
@@ -38,8 +38,7 @@ _CONSTANTS = (
 
 def is_pds4(path: Path) -> bool:
     """True if the file is the label of a PDS4 observational product."""
-    with path.open("rb") as file:
-        return b"<Product_Observational" in file.read(65_536)
+    return b"<Product_Observational" in beginning(path, 65_536)
 
 
 def read_pds4(path: Path) -> Label:

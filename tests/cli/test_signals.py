@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import pytest
 from lcp_cli import main
@@ -27,11 +32,104 @@ def test_a_signal_is_a_line_and_an_exit_code(
 
 
 def test_repeated_signals_do_not_interrupt_the_clean_up() -> None:
-    with stopping_signals():
-        with pytest.raises(Stopped):
-            os.kill(os.getpid(), signal.SIGHUP)
-        os.kill(os.getpid(), signal.SIGHUP)
-        os.kill(os.getpid(), signal.SIGTERM)
+    cleaned = []
+
+    def stopped() -> None:
+        with stopping_signals():
+            try:
+                os.kill(os.getpid(), signal.SIGHUP)
+            finally:
+                for sent in (signal.SIGHUP, signal.SIGTERM, signal.SIGINT):
+                    os.kill(os.getpid(), sent)
+                time.sleep(0.5)
+                cleaned.append(True)
+
+    with pytest.raises(Stopped) as caught:
+        stopped()
+    assert cleaned
+    assert caught.value.exit_code == 129
+
+
+def _lost(sent: signal.Signals) -> None:
+    """A callback whose exceptions end in it."""
+    with contextlib.suppress(BaseException):
+        os.kill(os.getpid(), sent)
+
+
+@pytest.mark.parametrize(
+    ("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)]
+)
+@pytest.mark.parametrize("after_s", [0.0, 20.0])
+def test_a_signal_that_a_library_loses_ends_the_run(
+    sent: signal.Signals,
+    code: int,
+    after_s: float,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    began = time.monotonic()
+    monkeypatch.setattr(main.cli, "invoke", lambda context: (_lost(sent), time.sleep(after_s)))
+    assert main.run(["dem"]) == code
+    assert time.monotonic() - began < 10.0
+    assert capsys.readouterr().err.strip().count("\n") == 0
+
+
+LABEL = """Object = IsisCube
+  Object = Core
+    StartByte = 1
+    Format = BandSequential
+    ^Core = pipe
+    Group = Dimensions
+      Samples = 8
+      Lines = 8
+      Bands = 1
+    End_Group
+    Group = Pixels
+      Type = Real
+      ByteOrder = Lsb
+      Base = 0.0
+      Multiplier = 1.0
+    End_Group
+  End_Object
+End_Object
+End
+"""
+
+BUSY = """
+    while True:
+        try:
+            time.sleep(0.1)
+        except BaseException:
+            pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("work", "says"),
+    [
+        # GDAL waits for the writer of a pipe; what is raised in its callback for messages is lost
+        ("rasterio.open('x.cub'); time.sleep(60)", "lcp: stopped by SIGTERM; no incomplete output was left"),
+        (BUSY, "lcp: stopped by SIGTERM, and ended because it went on for 1 s; the next run removes what it has begun"),
+    ],
+    ids=["callback", "busy"],
+)  # fmt: skip
+def test_a_process_ends_wherever_a_signal_finds_it(work: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "x.cub").write_text(LABEL)
+    os.mkfifo(tmp_path / "pipe")
+    code = (
+        "import rasterio, time\nfrom lcp_cli import main, signals\nsignals._LONGEST_S = 1.0\n"
+        f"def work(context):\n    print('at work', flush=True)\n    {work.strip()}\n"
+        "main.cli.invoke = work\nmain.main(['dem'])"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], cwd=tmp_path, stdout=-1, stderr=-1, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "at work\n"
+        time.sleep(0.3)  # it waits
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (143, f"{says}\n")
 
 
 def test_a_signal_that_is_ignored_stays_ignored() -> None:
