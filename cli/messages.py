@@ -6,7 +6,7 @@ import json
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any, TypeVar
 
@@ -55,10 +55,10 @@ def say(text: str, event: str = "message", **facts: Any) -> None:
     """Write a `line` on stderr."""
     if event == "progress":
         _State.progress_at = time.monotonic()
-    echo(line(text, event, **facts), err=True)
+    echo(line(text, event, facts), err=True)
 
 
-def line(text: str, event: str = "message", **facts: Any) -> str:
+def line(text: str, event: str, facts: Mapping[str, Any]) -> str:
     """A line for stderr; as JSON with the time, the kind of ``event`` and its facts. Names of the
     library's parameters become options.
     """

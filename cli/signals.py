@@ -114,5 +114,5 @@ class _Stop:
         stopped = Stopped(self.number)
         text = f"lcp: {stopped.how}, and ended because it went on for {_LONGEST_S:g} s; the next run removes what it has begun"
         # not by a stream, which the main thread may hold
-        os.write(2, f"{line(text, 'error', exit_code=stopped.exit_code)}\n".encode())
+        os.write(2, f"{line(text, 'error', {'exit_code': stopped.exit_code})}\n".encode())
         os._exit(stopped.exit_code)
