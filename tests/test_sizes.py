@@ -91,7 +91,8 @@ BUDGETS = {
     # 3 the name of a render's CRS, read back
     # 43 a share of the time of every effect, what one Sun direction changes in a plan; 40 figures of every alternative
     # 46 labels and side files that are pipes
-    "code lines, lcp_catalog": 47365,
+    # 55 the ground as a whole in the probability to be located (97 in all)
+    "code lines, lcp_catalog": 47420,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -155,7 +156,8 @@ BUDGETS = {
     # 2 two runs
     # 60 which scene, encoding and commit a figure is of
     # 14 where the time of an effect counts, 70 figures of every alternative, Suns of 0.5 deg
-    "words of docs": 57880,
+    # 12 the ground as a whole in a query
+    "words of docs": 57895,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -28,14 +28,14 @@ from benchmarks.markdown import table
 from benchmarks.places import OUTPUT, shared_data
 from lcp_catalog.arrays import Array, Index, Mask
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
+from lcp_catalog.cameras.sensor import pixel_size_m
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.position_fix import locate
+from lcp_catalog.matching.position_fix import USUAL, locate
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.photometry.laws import reflectance_model
@@ -58,8 +58,8 @@ SMOOTH_TOML = (
 MARGIN = 1.2
 """Half the patch, times this, lies between a point that counts and the frame's border: patches are turned and foreshortened."""
 REACH_M = 190e3  # of the mesh around a site's centre
-BEFORE = Uncertainty(2000.0, float(np.radians(0.1)))
-"""What is known of the camera before: 1 sigma of each axis of its place and attitude."""
+BEFORE = USUAL
+"""What is known of the camera before, as `lcp query` takes it for the probability to be located."""
 INSIDE_95 = 7.8147  # 95th percentile of chi-square with three degrees of freedom
 PIXEL_BINS = (0.9, 1.1, 1.5, 2.0)
 SUN_BINS = (5, 10, 15, 20, 30, 37.5, 52.5, 65)

@@ -1,4 +1,5 @@
-"""Probability that a frame is located: that so many of its points are found together as `locate` asks for.
+"""Probability that a frame is located: that so many of its points are found together as `locate` asks for, or that
+all of them together show the place.
 
 Points of one frame fail together, because what makes one of them hard to find (the photometry, the
 albedo, the DEM) is common to others. With the claims p_i of n points and one standard normal factor u
@@ -8,15 +9,24 @@ in the probits of all of them, of the variance rho,
 
 PB is the Poisson binomial distribution: the number of independent trials that succeed (Vasicek's one-factor
 model; the mean of each probability stays p_i). The mean over u is a Gauss-Hermite sum.
+
+Without such an agreement `locate` adds up the votes of all points for each offset (`joint_offset`). A claim p_i says
+that the correlation at the true place exceeds the highest other one: in sigmas of the point's map,
+z_i = `RIVAL_Z` + Phi^-1(p_i) + sqrt(rho) u + sqrt(1 - rho) e_i, all of them standard normal. Its vote is then -ln(1 - Phi(z_i)),
+but at most ln of the number of offsets, the sum of the votes is normal for given u (patches that overlap count as
+fewer), and the sum that is significant is that of `search_area.coarse_shift`. For given u the frame is located at least
+with the larger of the two probabilities.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
+from scipy.special import gammainccinv, log_ndtr, ndtr, ndtri
 
 from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
@@ -24,11 +34,19 @@ from ..catalog.catalogue import Catalog
 from ..catalog.schema import DETECTION_STEP
 from ..landmarks.located import COMMON_VARIANCE, SIGNIFICANT, WRONG, log10_false_alarms
 from .consensus import by_chance, independent_share, minimal_set, widened
+from .joint_offset import FARTHEST_PX, FEWEST, MOST_POINTS, MOST_SLACK_PX
 from .point_choice import at_one_scale, patch_width_px, reduction
 from .position_fix import USUAL, Options
-from .search_area import search_reach_px
+from .search_area import independent_votes, search_reach_px, slack_px
 
 DEFAULTS = Options()
+
+RIVAL_Z = 2.7
+"""Level of a point's highest rival, in sigmas of its map of correlations (artanh). The most likely one for the joint votes of 38
+simulated frames under Suns of 45 to 75 deg is 2.72, for 38 others 2.74 (`benchmarks.evidence frames`, 2026-11-27)."""
+
+_Z = np.linspace(-4.0, 12.0, 65)
+"""Levels at which the mean and the variance of a vote are computed."""
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
@@ -39,20 +57,52 @@ def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIA
 
     Probabilities are kept half a step of their storage from 0 and 1. ValueError for NaN.
     """
+    tails = _tails(_probits(probability), common_variance)
+    return np.asarray(np.clip(_WEIGHTS @ tails, 0.0, 1.0))
+
+
+def ground_shows(
+    probability: ArrayLike,
+    offsets: int,
+    independent: float = 1.0,
+    common_variance: float = COMMON_VARIANCE,
+) -> Array:
+    """Probabilities (15,), at the nodes of the common factor, that the votes of n points with the claims (n,) for their true
+    offset, one of so many, are significant; ``independent``: the share of the points that share no ground. ValueError for
+    NaN.
+    """
+    probit, most = _probits(probability), math.log(offsets)
+    levels = _Z[:, None] + math.sqrt(1.0 - common_variance) * _NODES
+    votes = np.minimum(-log_ndtr(-levels), most)
+    mean = votes @ _WEIGHTS
+    spread = np.maximum(votes**2 @ _WEIGHTS - mean**2, 0.0)
+    z = RIVAL_Z + probit + math.sqrt(common_variance) * _NODES[:, None]  # (15, n)
+    total = np.interp(z, _Z, mean).sum(1)
+    sigma = np.sqrt(np.interp(z, _Z, spread).sum(1) / independent)
+    count = independent_votes(len(probit), independent)
+    least = gammainccinv(count, 10.0**SIGNIFICANT / offsets) * len(probit) / count
+    return np.asarray(ndtr((total - least) / np.maximum(sigma, 1e-9)))
+
+
+def _probits(probability: ArrayLike) -> Array:
     half = DETECTION_STEP / 2.0
     p = np.clip(np.asarray(probability, np.float64).reshape(-1), half, 1.0 - half)
     if not np.isfinite(p).all():
         raise ValueError("a probability is not a number")
-    moved = ndtri(p) + np.sqrt(common_variance) * _NODES[:, None]
+    return np.asarray(ndtri(p))
+
+
+def _tails(probit: Array, common_variance: float = COMMON_VARIANCE) -> Array:
+    """Probabilities (15, n + 1) that at least 0, 1, ... n points are found, at the nodes of the common factor."""
+    moved = probit + np.sqrt(common_variance) * _NODES[:, None]
     chance = ndtr(moved / np.sqrt(1.0 - common_variance))  # (15, n)
-    count = np.zeros((len(_NODES), len(p) + 1))
+    count = np.zeros((len(_NODES), len(probit) + 1))
     count[:, 0] = 1.0
-    for k in range(len(p)):
+    for k in range(len(probit)):
         hit = chance[:, k : k + 1]
         count[:, 1 : k + 2] = count[:, 1 : k + 2] * (1.0 - hit) + count[:, : k + 1] * hit
         count[:, :1] *= 1.0 - hit
-    tail = np.cumsum(count[:, ::-1], axis=1)[:, ::-1]
-    return np.asarray(np.clip(_WEIGHTS @ tail, 0.0, 1.0))
+    return np.asarray(np.cumsum(count[:, ::-1], axis=1)[:, ::-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +110,17 @@ class JointDetection:
     """How many of n points in view are found in one image, of which each has a claim.
 
     ``at_least`` (n + 1,): probability that at least 0, 1, ... n of them are found; ``needed``: so many matches
-    must agree for `locate` to accept a position; above n where even all of them would not do.
+    must agree for `locate` to accept a position; above n where even all of them would not do. ``located``: probability
+    that as many are found, or that all points together show the place.
     """
 
     expected: float  # sum of the claims
     at_least: Array
     needed: int
+    located: float
 
     @property
-    def located(self) -> float:
+    def located_by_points(self) -> float:
         """Probability that as many points are found as `locate` needs."""
         return float(self.at_least[self.needed]) if self.needed < len(self.at_least) else 0.0
 
@@ -93,42 +145,85 @@ def joint_detection(
     some = np.isin(rows, at_one_scale(catalog, rows, sensor))
     order = np.argsort(-probability[some], kind="stable")[: options.most_first]
     chosen = np.flatnonzero(some)[order]
-    rows, p, covariance = rows[chosen], probability[chosen], covariance_px2[chosen]
-    needed = _needed(catalog, rows, sensor, p, covariance, uncertainty, options) if len(rows) else 1
-    return JointDetection(float(p.sum()), at_least_found(p), needed)
+    if not len(chosen):
+        return JointDetection(0.0, at_least_found([]), 1, 0.0)
+    p = probability[chosen]
+    search = _Search(catalog, rows[chosen], sensor, p, uncertainty, options)
+    needed, tails = search.needed(covariance_px2[chosen]), _tails(_probits(p))
+    by_points = tails[:, needed] if needed <= len(p) else np.zeros(len(_NODES))
+    located = float(_WEIGHTS @ np.maximum(by_points, search.ground_shows()))
+    return JointDetection(float(p.sum()), at_least_found(p), needed, min(located, 1.0))
 
 
-def _needed(
-    catalog: Catalog,
-    rows: Index,
-    sensor: Sensor,
-    probability: Array,
-    covariance_px2: Array,
-    uncertainty: Uncertainty,
-    options: Options,
-) -> int:
-    """Fewest matches whose agreement is significant by the rule of `matching.consensus`, among themselves and the wrong
-    matches (`WRONG`). Which points are found follows their claims: those at even steps of the summed claims, in the
-    order of their chances to agree by accident.
-    """
-    factor = reduction(catalog, sensor, rows)
-    places = catalog.position_mcmf[rows]
-    reach = search_reach_px(sensor, places, uncertainty, options.sigmas)
-    reach = np.clip(reach, options.least_reach_px * factor, options.most_reach_px * factor)
-    chance = by_chance(widened(covariance_px2, options.tolerance_px * factor), reach)
-    order, pixels = np.argsort(chance), sensor.project(places)
-    minimal = minimal_set(sensor, uncertainty)
-    width = patch_width_px(catalog, sensor, rows)
-    summed = np.cumsum(probability[order]) / max(float(probability.sum()), 1e-12)
-    wrong = np.full(round(WRONG * float((1.0 - probability).sum())), float(np.median(chance)))
-    for count in range(minimal + 1, len(rows) + 1):
-        steps = (np.arange(count) + 0.5) / count
-        found = order[np.minimum(np.searchsorted(summed, steps), len(rows) - 1)]
-        agrees = np.arange(count + len(wrong)) < count
-        share = independent_share(pixels[found], width)
-        if (
-            log10_false_alarms(np.append(chance[found], wrong), agrees, minimal, share)
-            < SIGNIFICANT
-        ):
-            return count
-    return len(rows) + 1
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for n points in an image, those with the highest claims (n,) first."""
+
+    catalog: Catalog
+    rows: Index  # (n,)
+    sensor: Sensor
+    probability: Array  # (n,)
+    uncertainty: Uncertainty
+    options: Options
+
+    @cached_property
+    def factor(self) -> int:
+        """Pixels of the image along the side of a searched one."""
+        return reduction(self.catalog, self.sensor, self.rows)
+
+    @cached_property
+    def places(self) -> Array:
+        """Positions (n, 3), MCMF metres."""
+        return np.asarray(self.catalog.position_mcmf[self.rows])
+
+    @cached_property
+    def pixels(self) -> Array:
+        """Where the sensor projects the points, (n, 2)."""
+        return np.asarray(self.sensor.project(self.places))
+
+    @cached_property
+    def width_px(self) -> float:
+        return patch_width_px(self.catalog, self.sensor, self.rows)
+
+    @cached_property
+    def reach_px(self) -> Array:
+        options = self.options
+        reach = search_reach_px(self.sensor, self.places, self.uncertainty, options.sigmas)
+        least, most = options.least_reach_px * self.factor, options.most_reach_px * self.factor
+        return np.asarray(np.clip(reach, least, most))
+
+    def needed(self, covariance_px2: Array) -> int:
+        """Fewest matches whose agreement is significant by the rule of `matching.consensus`, among themselves and the wrong
+        matches (`WRONG`). Which points are found follows their claims: those at even steps of the summed claims, in the
+        order of their chances to agree by accident.
+        """
+        probability, count_all = self.probability, len(self.rows)
+        tolerance = self.options.tolerance_px * self.factor
+        chance = by_chance(widened(covariance_px2, tolerance), self.reach_px)
+        order, minimal = np.argsort(chance), minimal_set(self.sensor, self.uncertainty)
+        summed = np.cumsum(probability[order]) / max(float(probability.sum()), 1e-12)
+        wrong = np.full(round(WRONG * float((1.0 - probability).sum())), float(np.median(chance)))
+        for count in range(minimal + 1, count_all + 1):
+            steps = (np.arange(count) + 0.5) / count
+            found = order[np.minimum(np.searchsorted(summed, steps), count_all - 1)]
+            agrees = np.arange(count + len(wrong)) < count
+            share = independent_share(self.pixels[found], self.width_px)
+            all_chances = np.append(chance[found], wrong)
+            if log10_false_alarms(all_chances, agrees, minimal, share) < SIGNIFICANT:
+                return count
+        return count_all + 1
+
+    def ground_shows(self) -> Array:
+        """`ground_shows` for the search, (15,); 0 where `joint_offset` looks for no position: for too few points, and for an
+        uncertainty that turns and scales the image.
+        """
+        some = slice(MOST_POINTS)
+        reach = max(float(np.median(self.reach_px[some])), self.width_px)
+        if len(self.rows) < FEWEST or reach > FARTHEST_PX * self.factor:
+            return np.zeros(len(_NODES))
+        slack = slack_px(self.sensor, self.places[some], self.uncertainty)
+        if slack > MOST_SLACK_PX * self.factor:
+            return np.zeros(len(_NODES))
+        offsets = (2 * math.ceil(reach / self.factor) + 1) ** 2
+        share = independent_share(self.pixels[some], self.width_px)
+        return ground_shows(self.probability[some], offsets, share)

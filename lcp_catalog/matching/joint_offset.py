@@ -63,7 +63,8 @@ TURNS_DEG = (
 under any of them.
 """
 
-_MOST_POINTS = 200
+MOST_POINTS = 200
+"""The likeliest points of an area, which are used."""
 _CHUNK = 64
 _NEAR_PX = 6
 _SUN_PX = 3
@@ -76,7 +77,7 @@ _PASSES = 4
 _STILL = 0.1
 _LOOSEST = 0.5
 """Slack, as a share of the reach, above which a common offset has no meaning."""
-_FARTHEST_PX = 64
+FARTHEST_PX = 64
 """Largest reach in searched pixels, for speed; `locate` finds a coarse offset first."""
 
 
@@ -130,7 +131,7 @@ def find_joint_offset(
     if len(area) < FEWEST:
         return None
     suns = image.sun_directions(catalog.position_mcmf[area.points])
-    some = area.only(likeliest(catalog, area.points, image.sensor, suns, _MOST_POINTS))
+    some = area.only(likeliest(catalog, area.points, image.sensor, suns, MOST_POINTS))
     search = _JointSearch(
         catalog, image, given, uncertainty, model, some, width_px, common_px, check_sun
     )
@@ -163,7 +164,7 @@ class _JointSearch:
         slack = slack_px(self.given, self.catalog.position_mcmf[self.area.points], self.uncertainty)
         loose = slack > MOST_SLACK_PX * self.factor
         reach = max(float(np.median(self.area.reach_px)), self.width_px)
-        if slack > _LOOSEST * reach or reach > _FARTHEST_PX * self.factor:
+        if slack > _LOOSEST * reach or reach > FARTHEST_PX * self.factor:
             return None
         shift = self.shift(reach, slack if loose else 0.0)
         if shift is None:
@@ -188,7 +189,7 @@ class _JointSearch:
             points=self.area.points,
             offset_px=self.area.offset_px,
             slack_px=slack,
-            grid_px=_FARTHEST_PX,
+            grid_px=FARTHEST_PX,
             share=self.share,
         )
 

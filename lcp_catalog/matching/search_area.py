@@ -214,13 +214,18 @@ def _peak(
     return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), most, if_here)
 
 
+def independent_votes(n: int, share: float) -> int:
+    """Number of independent votes that stand for n dependent ones: a share of them, rounded down."""
+    return max(1, math.floor(share * n))
+
+
 def _log10_gamma_tail(n: int, total: float, share: float = 1.0) -> float:
     """log10 of the probability that n exponential votes of mean 1 add up to more than t: e^-t times
-    the sum of t^k / k!, k < n. Of dependent votes a share counts, rounded down, with the same mean.
+    the sum of t^k / k!, k < n. Of dependent votes `independent_votes` count, with the same mean.
     """
     if total <= 0.0:
         return 0.0
-    count = max(1, math.floor(share * n))
+    count = independent_votes(n, share)
     total *= count / n
     k = np.arange(count)
     terms = k * math.log(total) - np.array([math.lgamma(v + 1.0) for v in k])

@@ -13,12 +13,18 @@ import pytest
 from helpers.navigable import everywhere_usable
 from helpers.posed import camera
 from scipy.integrate import quad
-from scipy.stats import norm
+from scipy.stats import norm, poisson
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.consensus import agree
-from lcp_catalog.matching.joint_detection import JointDetection, at_least_found, joint_detection
+from lcp_catalog.matching.joint_detection import (
+    RIVAL_Z,
+    JointDetection,
+    at_least_found,
+    ground_shows,
+    joint_detection,
+)
 from lcp_catalog.matching.position_fix import USUAL, Options
 from lcp_catalog.navigation.documents import document
 from lcp_catalog.navigation.expected_position import Query, answers
@@ -62,7 +68,7 @@ def test_common_failures_make_all_and_none_likelier() -> None:
 
 def test_no_points() -> None:
     assert at_least_found([]).tolist() == [1.0]
-    assert JointDetection(0.0, at_least_found([]), 1).located == 0.0
+    assert JointDetection(0.0, at_least_found([]), 1, 0.0).located_by_points == 0.0
 
 
 def test_a_claim_that_is_no_number_is_refused() -> None:
@@ -112,12 +118,53 @@ def test_fewer_unknowns_need_fewer_matches() -> None:
     assert needed[0] > needed[1] > needed[2]
 
 
+@pytest.mark.parametrize("claim", [0.05, 0.2, 0.45])
+def test_the_ground_shows_as_often_as_votes_that_are_drawn(claim: float) -> None:
+    """Maps of normal noise: the votes by rank of points whose true places are as high as their claims say, against the sum
+    that one of as many offsets exceeds in a millionth of all maps (a Poisson sum).
+    """
+    claims, offsets, frames = np.linspace(0.5, 1.5, 16) * claim, 1225, 1000
+    dice = np.random.default_rng(2)
+    common, own = dice.normal(size=(frames, 1)), dice.normal(size=(frames, len(claims)))
+    high = RIVAL_Z + norm.ppf(claims) + math.sqrt(0.1) * common + math.sqrt(0.9) * own
+    total = np.zeros(frames)
+    for point in high.T:
+        noise = dice.normal(size=(frames, offsets - 1))
+        total += np.log(offsets / (1 + (noise > point[:, None]).sum(axis=1)))
+    significant = poisson.cdf(len(claims) - 1, total) * offsets < 1e-6
+    _, weights = np.polynomial.hermite_e.hermegauss(15)
+    stated = float(weights @ ground_shows(claims, offsets) / weights.sum())
+    assert 0.01 < stated < 0.99
+    assert stated == pytest.approx(significant.mean(), abs=0.05)
+    assert weights @ ground_shows(claims, offsets, 0.5) / weights.sum() < stated
+
+
+def test_ground_that_points_show_only_together_counts() -> None:
+    """30 points claimed at 0.3: by themselves seldom enough; not for too few points, and not where the image may be turned."""
+    catalog, taken = everywhere_usable(), camera()
+    (answer,) = answers(catalog, [PlannedImage.lit(taken, SunChoice(100.0, 17.0))], Query())
+    rows = answer.rows[:30]
+
+    def joint(count: int, uncertainty: Uncertainty) -> JointDetection:
+        covariance = np.tile(0.04 * np.eye(2), (count, 1, 1))
+        claims = np.full(count, 0.3)
+        return joint_detection(catalog, rows[:count], taken, claims, covariance, uncertainty)
+
+    known, turned = Uncertainty(300.0, 0.0), Uncertainty(300.0, 0.1)
+    assert joint(len(rows), known).located > joint(len(rows), known).located_by_points + 0.05
+    assert joint(9, known).located == pytest.approx(joint(9, known).located_by_points)
+    assert joint(len(rows), turned).located == pytest.approx(
+        joint(len(rows), turned).located_by_points
+    )
+
+
 def test_a_query_states_it() -> None:
     catalog = everywhere_usable()
     (answer,) = answers(catalog, [PlannedImage.lit(camera(), SunChoice(100.0, 17.0))], Query())
     said = document(answer, catalog)
     assert said["expected_found"] == pytest.approx(answer.joint.expected, abs=1e-3)
-    assert said["located_probability"] == round(answer.joint.at_least[answer.joint.needed], 4)
+    assert said["located_probability"] == round(answer.joint.located, 4)
+    assert answer.joint.located >= answer.joint.at_least[answer.joint.needed] - 1e-9
     chances = list(said["probability_at_least"].values())
     assert chances == sorted(chances, reverse=True)
     assert list(said["probability_at_least"])[:2] == ["1", "2"]
