@@ -23,7 +23,7 @@ from benchmarks.speed.query import SUN, camera, near, usable
 from benchmarks.timing import in_turn, median, ratio
 from lcp_catalog.catalog.integrity import ChunkDigests, ChunkGrid
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
-from lcp_catalog.catalog.verification import problems_of
+from lcp_catalog.catalog.verification import judge
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.navigation.documents import document
 from lcp_catalog.navigation.expected_position import Query, answers
@@ -44,7 +44,8 @@ def _query(path: Path) -> None:
 
 
 def _inspect(path: Path) -> None:
-    if problems := problems_of(StoredFile.of(path)):
+    problems, _ = judge(StoredFile.of(path))
+    if problems:
         raise SystemExit(problems[0])
 
 

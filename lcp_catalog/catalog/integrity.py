@@ -226,23 +226,43 @@ def _grids(members: Iterable[tuple[str, Any]]) -> dict[str, ChunkGrid]:
 
 
 class ChunkDigests:
-    """The table of an open file. A chunk is decoded from the very bytes whose digest was compared with it.
-
-    CatalogError for a table that is not that of the attribute `CONTENT`, or that has not a row for each chunk.
+    """The chunks of a file, and the table of their digests (n, 32). A chunk is decoded from the very bytes whose
+    digest was compared with it.
     """
 
-    def __init__(self, file: h5py.File) -> None:
+    def __init__(self, grids: dict[str, ChunkGrid], table: Bytes) -> None:
+        self.grids, self._table = grids, table
+        self._recent: dict[tuple[str, int], AnyArray] = {}
+
+    @classmethod
+    def of(cls, file: h5py.File) -> ChunkDigests:
+        """Those of an open file. CatalogError for a table that is not that of the attribute `CONTENT`, or that has not
+        a row for each chunk.
+        """
         members = list(_members(file))
-        self.grids = _grids(members)
-        self._table: Bytes = np.asarray(file[f"{INTEGRITY}/{TABLE}"][()])
-        count = sum(map(len, self.grids.values()))
-        if self._table.shape != (count, DIGEST_BYTES):
+        grids = _grids(members)
+        table: Bytes = np.asarray(file[f"{INTEGRITY}/{TABLE}"][()])
+        count = sum(map(len, grids.values()))
+        if table.shape != (count, DIGEST_BYTES):
             raise CatalogError(f"{INTEGRITY}/{TABLE}: has not a digest for each of {count} chunks")
-        if _digest(members, self._table) != file.attrs[CONTENT]:
+        if _digest(members, table) != file.attrs[CONTENT]:
             raise CatalogError(
                 f"{CONTENT}: the content is not what was written (damaged or edited)"
             )
-        self._recent: dict[tuple[str, int], AnyArray] = {}
+        return cls(grids, table)
+
+    @property
+    def facts(self) -> list[Any]:
+        """The same for another process, as JSON can hold it."""
+        layouts = {path: (grid.shape, grid.sides) for path, grid in self.grids.items()}
+        return [layouts, self._table.tobytes().hex()]
+
+    @classmethod
+    def received(cls, facts: Sequence[Any]) -> ChunkDigests:
+        """From what JSON made of `facts`."""
+        layouts = {path: (tuple(shape), tuple(sides)) for path, (shape, sides) in facts[0].items()}
+        table = np.frombuffer(bytes.fromhex(facts[1]), np.uint8).reshape(-1, DIGEST_BYTES)
+        return cls(chunk_grids(layouts), table)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_recent": {}}

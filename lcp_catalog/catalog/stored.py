@@ -128,20 +128,53 @@ def group_attributes(file: h5py.File) -> dict[str, dict[str, float | str]]:
     return found
 
 
+@dataclass(frozen=True)
+class FileHead:
+    """What is known of a file before a value of a variable is read: the digests of its chunks, its attributes, those
+    of its groups, and the shapes of its variables by their paths.
+    """
+
+    digests: ChunkDigests
+    attributes: dict[str, Any]
+    groups: dict[str, dict[str, float | str]]
+    shapes: dict[str, tuple[int, ...]]
+
+    @classmethod
+    def of(cls, file: h5py.File) -> FileHead:
+        """CatalogError for a file whose digests do not belong together."""
+        digests = ChunkDigests.of(file)
+        shapes = {name: digests.grids[name].shape for name in variables(file)}
+        return cls(digests, attributes(file), group_attributes(file), shapes)
+
+    @property
+    def facts(self) -> list[Any]:
+        """The same for another process, as JSON can hold it."""
+        return [self.digests.facts, self.attributes, self.groups, self.shapes]
+
+    @classmethod
+    def received(cls, facts: Sequence[Any]) -> FileHead:
+        """From what JSON made of `facts`."""
+        digests, attributes, groups, shapes = facts
+        sizes = {path: tuple(shape) for path, shape in shapes.items()}
+        return cls(ChunkDigests.received(digests), attributes, groups, sizes)
+
+
 # -- the catalogue
 
 
 class FileSource:
     """Reads variables of a file, unpacked as a `Catalog` has them. CatalogError for a file whose digests do not
-    belong together, and for a damaged chunk.
+    belong together, and for a damaged chunk. ``head``: the file's, if it is known.
     """
 
-    def __init__(self, stored: StoredFile) -> None:
+    def __init__(self, stored: StoredFile, head: FileHead | None = None) -> None:
         self._stored, self.name = stored, stored.path
-        with stored.opened() as file:
-            self._digests = ChunkDigests(file)
-            self.attributes, self.groups = attributes(file), group_attributes(file)
-            self._shapes = {name: file[name].shape for name in variables(file)}
+        if head is None:
+            with stored.opened() as file:
+                head = FileHead.of(file)
+        self.head, self._digests = head, head.digests
+        self.attributes, self.groups = head.attributes, head.groups
+        self._shapes = dict(head.shapes)
 
     def read(self, path: str, index: tuple[Any, ...], *, keep: bool = False) -> AnyArray:
         """See `model.Source`."""
@@ -186,8 +219,14 @@ class ShardedSource(FileSource):
     the one that the index was made of.
     """
 
-    def __init__(self, stored: StoredFile, opener: Opener, which: AnyArray | None = None) -> None:
-        super().__init__(stored)
+    def __init__(
+        self,
+        stored: StoredFile,
+        opener: Opener,
+        head: FileHead | None = None,
+        which: AnyArray | None = None,
+    ) -> None:
+        super().__init__(stored, head)
         self._opener, self._open = opener, dict[int, Catalog]()
         every = [Shard.read(one) for one in json.loads(self.attributes[SHARDS])]
         self.every, some = every, np.ones(len(every), bool) if which is None else which
@@ -199,7 +238,7 @@ class ShardedSource(FileSource):
 
     def some(self, which: AnyArray) -> ShardedSource:
         """The same of some of the shards (k,), as if the index had no others."""
-        return ShardedSource(self._stored, self._opener, which)
+        return ShardedSource(self._stored, self._opener, self.head, which)
 
     def path_of(self, shard: Shard) -> Path:
         """The file of a shard."""
@@ -279,11 +318,15 @@ def narrowed(catalog: Catalog, near: Callable[[Shard], bool]) -> Catalog:
     return dataclasses.replace(catalog, **some.arrays(Catalog, ""))
 
 
-def stored_catalog(stored: StoredFile, opener: Opener | None = None) -> Catalog:
-    """The catalogue of a file whose structure is sound; of an index, the shards are opened by the ``opener``."""
-    source = FileSource(stored)
+def stored_catalog(
+    stored: StoredFile, opener: Opener | None = None, head: FileHead | None = None
+) -> Catalog:
+    """The catalogue of a file whose structure is sound, and whose ``head`` is read if it is not given; of an index, the
+    shards are opened by the ``opener``.
+    """
+    source = FileSource(stored, head)
     if SHARDS in source.attributes:
-        source = ShardedSource(stored, opener or unchecked)
+        source = ShardedSource(stored, opener or unchecked, source.head)
     stated = {name: source.attributes[name] for name in _TEXTS}
     levels = (source.part(Overview, group) for group in LEVELS)
     return Catalog(

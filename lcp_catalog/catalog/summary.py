@@ -20,7 +20,7 @@ from .catalogue import Catalog
 from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
 from .stored import NOT_OPENED, StoredFile, sharded, stored_catalog
-from .verification import apart, judged, problems_of, shard_problems
+from .verification import apart, judge, judged, shard_problems
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def describe(path: Path | str) -> dict[str, Any]:
     if problems and problems[0].startswith(NOT_OPENED):
         raise CatalogError(f"{path}: {problems[0]}")
     if not problems and not found:
-        catalog = judged(stored)
+        catalog = judged(stored, None)
         problems = shard_problems(catalog)
         found = {} if problems else summary(catalog)
     return {**dict.fromkeys(names), "intact": not problems, "problems": problems, **found}
@@ -123,9 +123,9 @@ def describe(path: Path | str) -> dict[str, Any]:
 def _described(facts: Sequence[Any]) -> tuple[list[str], dict[str, Any]]:
     """Problems and figures of a file; no figures of a bad one, and of an index, whose shards are not judged."""
     stored = StoredFile.received(facts)
-    problems = problems_of(stored)
+    problems, head = judge(stored)
     try:
-        catalog = None if problems else stored_catalog(stored)
+        catalog = None if problems else stored_catalog(stored, head=head)
         return problems, {} if catalog is None or sharded(catalog) else summary(catalog)
     except CatalogError as error:  # the file changed in between
         return [str(error).removeprefix(f"{stored.path}: ")], {}

@@ -19,11 +19,19 @@ from ..errors import CatalogError, not_a
 from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
-from .integrity import HDF5_ERRORS, ChunkDigests, line_of
+from .integrity import HDF5_ERRORS, line_of
 from .layout import LEVELS, TEXT
 from .model import BLOCK_BYTES
 from .schema import Variable
-from .stored import StoredFile, attributes, group_attributes, sharded, stored_catalog, texts
+from .stored import (
+    FileHead,
+    StoredFile,
+    attributes,
+    group_attributes,
+    sharded,
+    stored_catalog,
+    texts,
+)
 
 _SECONDS = 10.0
 _SECONDS_PER_MB = 1.0
@@ -67,10 +75,10 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     if not isinstance(path, Path | str):
         raise not_a(path, "path", "the path of a catalogue")
     stored = StoredFile.of(path)
-    problems = apart(stored, _all_problems if check else _structure_problems)
+    problems, head = apart(stored, _whole_judgement if check else _structure_judgement)
     if problems:
         raise CatalogError(f"{path}: {first_few(problems)}")
-    return judged(stored, check)
+    return judged(stored, head, check)
 
 
 def verify(path: Path | str) -> list[str]:
@@ -81,14 +89,18 @@ def verify(path: Path | str) -> list[str]:
     """
     try:
         stored = StoredFile.of(path)
-        return list(apart(stored, _all_problems)) or shard_problems(judged(stored))
+        problems, head = apart(stored, _whole_judgement)
+        return list(problems) or shard_problems(judged(stored, head))
     except CatalogError as error:
         return [str(error).removeprefix(f"{path}: ")]
 
 
-def judged(stored: StoredFile, check: bool = True) -> Catalog:
-    """The catalogue of a file that was judged; the shards of an index are judged when they are opened."""
-    return stored_catalog(stored, partial(open_catalog, check=check))
+def judged(stored: StoredFile, head: Any, check: bool = True) -> Catalog:
+    """The catalogue of a file that was judged, with the facts of its ``head`` (None: it is read again); the shards of
+    an index are judged when they are opened.
+    """
+    found = head and FileHead.received(head)
+    return stored_catalog(stored, partial(open_catalog, check=check), found)
 
 
 def shard_problems(catalog: Catalog) -> list[str]:
@@ -116,34 +128,42 @@ def apart(stored: StoredFile, check: Any) -> Any:
 # -- in the other process
 
 
-def _structure_problems(facts: Sequence[Any]) -> list[str]:
-    return problems_of(StoredFile.received(facts), content=False)
+def _structure_judgement(facts: Sequence[Any]) -> Any:
+    return _with_facts(*judge(StoredFile.received(facts), content=False))
 
 
-def _all_problems(facts: Sequence[Any]) -> list[str]:
-    return problems_of(StoredFile.received(facts))
+def _whole_judgement(facts: Sequence[Any]) -> Any:
+    return _with_facts(*judge(StoredFile.received(facts)))
 
 
-def problems_of(stored: StoredFile, content: bool = True) -> list[str]:
-    """All problems of a file, found in this process; without the ``content`` only those of the structure of a large
-    one.
+def _with_facts(problems: list[str], head: FileHead | None) -> Any:
+    return problems, head and head.facts
+
+
+def judge(stored: StoredFile, content: bool = True) -> tuple[list[str], FileHead | None]:
+    """All problems of a file, found in this process, and the head of one without any; without the ``content`` only
+    problems of the structure of a large one.
     """
     found: list[str] = []
+    head = None
     try:
         with stored.opened() as file:
             found = structure_problems(file, stored.size)
             if found:
-                return found
+                return found, None
             texts = attributes(file)
             found = text_problems(texts, group_attributes(file))
-            if content or sum(file[name].nbytes for name in variables(file)) <= _WHOLE_BYTES:
+            content |= sum(file[name].nbytes for name in variables(file)) <= _WHOLE_BYTES
+            if content:
                 known = not any(line.startswith("errors") for line in found)
                 found += lines(_findings(file, json.loads(texts["errors"]) if known else None))
+            head = FileHead.of(file)
+            if content:
                 unread = {line.partition(":")[0] for line in found if "cannot be read" in line}
-                found += ChunkDigests(file).problems(file, unread)
+                found += head.digests.problems(file, unread)
     except CatalogError as error:
         found.append(str(error).removeprefix(f"{stored.path}: "))
-    return found
+    return found, None if found else head
 
 
 def _findings(file: h5py.File, errors: Any) -> Iterator[Finding]:
