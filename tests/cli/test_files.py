@@ -91,15 +91,6 @@ def test_every_command_knows_its_files(name: str) -> None:
             assert isinstance(one.type, InputFile | OutputFile), one.name
 
 
-@pytest.fixture
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    for command in COMMANDS.values():
-        for one in command.params:
-            (tmp_path / f"other_{one.name}").write_bytes(b"other")
-    return tmp_path
-
-
 LINKS = itertools.cycle(["same", "symbolic", "hard"])
 
 
@@ -108,10 +99,19 @@ LINKS = itertools.cycle(["same", "symbolic", "hard"])
     [(*pair, link) for pair, link in zip(PAIRS, LINKS, strict=False)],
 )
 def test_an_output_that_is_another_file_is_refused(
-    name: str, output: str, other: str, link: str, files: Path, capsys: Any
+    name: str,
+    output: str,
+    other: str,
+    link: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Any,
 ) -> None:
     """Both names are stated, and nothing is written, with ``--overwrite`` where there is one."""
-    taken = files / NAMES.get(name, "taken.dat")
+    monkeypatch.chdir(tmp_path)
+    for one in COMMANDS[name].params:
+        Path(f"other_{one.name}").write_bytes(b"other")
+    taken = tmp_path / NAMES.get(name, "taken.dat")
     taken.write_bytes(b"mine")
     [kind] = [one.type for one in COMMANDS[name].params if one.name == output]
     assert isinstance(kind, OutputFile)
@@ -139,14 +139,14 @@ def test_an_output_that_is_another_file_is_refused(
         Path("folder").mkdir()
         inside = next(of_other.outputs("folder"))
         places = {output: str(inside), other: "folder"}
-    before = {path: path.read_bytes() for path in files.rglob("*") if path.is_file()}
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     flags = [flag for one in COMMANDS[name].params for flag in one.opts if flag == "--overwrite"]
     for extra in ([], flags):
         error = refusal([*_line(name, places), *extra], 2, capsys)
         assert "is the same file as" in error
         assert places[output] in error
         assert places[other] in error
-    assert {path: path.read_bytes() for path in files.rglob("*") if path.is_file()} == before
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 def _refused(line: list[str], capsys: Any, *names: str) -> None:
