@@ -44,8 +44,7 @@ def _query(path: Path) -> None:
 
 
 def _inspect(path: Path) -> None:
-    problems, _ = judge(StoredFile.of(path))
-    if problems:
+    if problems := judge(StoredFile.of(path))[0]:
         raise SystemExit(problems[0])
 
 

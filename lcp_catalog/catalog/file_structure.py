@@ -13,7 +13,7 @@ import numpy as np
 
 from ..geometry.map_plane import ORTHOGRAPHIC
 from .checks import shape_problems
-from .integrity import DIGESTS, HDF5_ERRORS, INTEGRITY, TABLE, dimensions, line_of
+from .integrity import DIGESTS, HDF5_ERRORS, INTEGRITY, TABLE, Known, dimensions, line_of
 from .layout import (
     CRS,
     GLOBAL_ATTRIBUTES,
@@ -44,15 +44,16 @@ _ATTRIBUTE_BYTES_MAX = 2**16
 """Most bytes of an attribute in its object; HDF5 keeps long texts elsewhere."""
 
 
-def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
-    """All problems of the structure, one line each. Of a file that is no catalogue of this schema the only one."""
+def structure_problems(file: h5py.File, file_bytes: int, known: Known) -> list[str]:
+    """All problems of the structure, one line each. Of a file that is no catalogue of this schema the only one. What is
+    read more than once is kept in ``known``.
+    """
     foreign = list(_identity_problems(file))
     if foreign:
         return foreign
     problems: list[str] = []
     shapes: dict[str, tuple[int, ...]] = {}
     step, wanted = _sigma_step(file), variables(file)
-    dims: dict[int, str] = {}
     for group, members in (GROUPS | {INTEGRITY: {TABLE: DIGESTS}}).items():
         place = _member(file, group) if group else file
         if place is None and group in OPTIONAL_GROUPS:
@@ -61,9 +62,10 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
             problems.append(f"{group}: the group is {_kind(place)}")
             continue
         stated = group_names(place, group) if group else global_names(file)
-        problems += _attribute_problems(place, group, stated)
+        problems += _attribute_problems(place, group, stated, known.attributes[group])
         names = [name for name in members if group == INTEGRITY or key(group, name) in wanted]
         problems += _list_problems(place, group, names)
+        projection = _projection(known.attributes[group])
         for short in names:
             try:
                 dataset = _member(place, short)
@@ -72,15 +74,14 @@ def structure_problems(file: h5py.File, file_bytes: int) -> list[str]:
                     continue
                 h5py.h5o.get_info(dataset.id)
                 shapes[key(group, short)] = dataset.shape
-                expected = variable_attributes(
-                    group, short, members[short], step, _projection(place)
-                )
+                expected = variable_attributes(group, short, members[short], step, projection)
+                path = key(group, short)
                 faults = [
-                    *_type_faults(dataset, members[short], dims),
-                    *_attribute_faults(dataset, expected),
+                    *_type_faults(dataset, members[short], dimensions(dataset, path, known)),
+                    *_attribute_faults(dataset, expected, known.attributes[path]),
                 ]
                 faults += [fault] if (fault := _storage_fault(dataset, file_bytes)) else []
-                problems += [f"{key(group, short)}: {fault}" for fault in faults]
+                problems += [f"{path}: {fault}" for fault in faults]
             except HDF5_ERRORS as error:
                 problems.append(f"{key(group, short)}: is damaged: {line_of(error)}")
         problems += _bare_problems(place, group)
@@ -117,7 +118,7 @@ def _crs_faults(place: h5py.Group, group: str, expected: Mapping[str, Any]) -> I
     found = _member(place, CRS) if expected else None
     if isinstance(found, h5py.Dataset):
         h5py.h5o.get_info(found.id)
-        for fault in _attribute_faults(found, expected):
+        for fault in _attribute_faults(found, expected, {}):
             yield f"{key(group, CRS)}: {fault}"
     elif expected:
         yield f"{key(group, CRS)}: the variable is {_kind(found)}"
@@ -144,10 +145,9 @@ def group_names(place: h5py.Group, group: str) -> tuple[str, ...]:
     return (*GROUP_ATTRIBUTES.get(group, ()), *([optional] if optional and here else []))
 
 
-def _projection(place: h5py.Group) -> str:
-    """Projection of the overview; orthographic for a group that does not say it or says no text."""
-    name = OPTIONAL_GROUP_ATTRIBUTES["overview"]
-    found = None if _attribute_fault(place, name) else place.attrs[name]
+def _projection(known: Mapping[str, Any]) -> str:
+    """Projection of the overview, of the attributes of a group; orthographic for one that does not say it or says no text."""
+    found = known.get(OPTIONAL_GROUP_ATTRIBUTES["overview"])
     return found if isinstance(found, str) else ORTHOGRAPHIC
 
 
@@ -174,8 +174,10 @@ def global_names(file: h5py.File) -> tuple[str, ...]:
     return (*GLOBAL_ATTRIBUTES, *optional, *([SHARDS] if SHARDS in file.attrs else []))
 
 
-def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -> Iterator[str]:
-    """Faults of the attributes of the file or of a group, which are texts and numbers."""
+def _attribute_problems(
+    place: h5py.Group, group: str, names: tuple[str, ...], known: dict[str, Any]
+) -> Iterator[str]:
+    """Faults of the attributes of the file or of a group, which are texts and numbers; they become ``known``."""
     before = f"{group}: " if group else ""
     for name in _unknown_attributes(place, names):
         yield f"{before}the attribute {name} does not belong to a catalogue"
@@ -183,6 +185,7 @@ def _attribute_problems(place: h5py.Group, group: str, names: tuple[str, ...]) -
         try:
             fault = _attribute_fault(place, name)
             value = None if fault else place.attrs[name]
+            known |= {} if fault else {name: value}
         except HDF5_ERRORS as error:
             fault, value = f"cannot be read: {line_of(error)}", None
         number = (bool(group) and name != "projection") or name in NUMBERS
@@ -249,21 +252,26 @@ def _sigma_step(file: h5py.File) -> float:
         return 1.0
 
 
-def _type_faults(dataset: h5py.Dataset, variable: Variable, names: dict[int, str]) -> Iterator[str]:
-    """Faults of the type and the dimensions, whose known ``names`` `dimensions` takes."""
+def _type_faults(dataset: h5py.Dataset, variable: Variable, dims: tuple[str, ...]) -> Iterator[str]:
+    """Faults of the type and of the dimensions ``dims``."""
     text = h5py.check_string_dtype(dataset.dtype)
     kind = TEXT if text is not None and text.length else dataset.dtype.str.lstrip("<|")
     if kind != variable.dtype:
         yield f"holds {_shown(kind)} instead of {variable.dtype}"
-    if (dims := dimensions(dataset, names)) != variable.dims:
+    if dims != variable.dims:
         wanted = ", ".join(variable.dims)
         yield f"has the dimensions ({', '.join(map(_shown, dims))}) instead of ({wanted})"
 
 
-def _attribute_faults(dataset: h5py.Dataset, attributes: Mapping[str, Any]) -> Iterator[str]:
-    """Attributes of a variable that are not those of the schema."""
+def _attribute_faults(
+    dataset: h5py.Dataset, attributes: Mapping[str, Any], known: dict[str, Any]
+) -> Iterator[str]:
+    """Attributes of a variable that are not those of the schema; what is read becomes ``known``."""
+    stored = dataset.attrs
     for name, expected in attributes.items():
-        found: Any = None if _attribute_fault(dataset, name) else dataset.attrs[name]
+        found: Any = None
+        if not _attribute_fault(dataset, name):
+            found = known[name] = stored[name]
         if not (np.array_equal(found, expected) or _both_nan(found, expected)):
             yield f"{name} is {_shown(found)} instead of {expected!s}"
     for name in _unknown_attributes(dataset, attributes):
@@ -320,7 +328,7 @@ def _chunk_fault(dataset: h5py.Dataset, chunk: tuple[int, ...], file_bytes: int)
     offset, size, starts, sides = *table.T[:2], table[:, 2:], np.array(chunk, np.uint64)
     places = starts // sides
     inside = (places * sides == starts) & (places < np.array(along, np.uint64))
-    if not inside.all() or len(np.unique(places, axis=0)) != len(places):
+    if not inside.all() or len({one[2:] for one in found}) != len(found):
         return "has chunks that are not each in a place of their own"
     order = np.argsort(offset)
     ends = offset + size

@@ -9,8 +9,9 @@ import itertools
 import json
 import threading
 import zlib
+from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import prod
 from typing import Any, NamedTuple
@@ -66,23 +67,32 @@ def chunk_digest(stored: bytes, filter_mask: int = 0) -> bytes:
     return hashlib.sha256(filter_mask.to_bytes(4, "little") + stored).digest()
 
 
+@dataclass(frozen=True)
+class Known:
+    """What was read of an open file, and is not read again: names of coordinates by their address in it, and by the path
+    of a member its dimensions and its attributes.
+    """
+
+    names: dict[int, str] = field(default_factory=dict)
+    dims: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    attributes: dict[str, dict[str, Any]] = field(default_factory=lambda: defaultdict(dict))
+
+
 def content_digest(file: h5py.File, table: Bytes) -> str:
     """The digest of an open file's content with this table of chunks (n, 32)."""
-    return _digest(list(_members(file)), table)
+    return _digest(list(_members(file)), table, Known())
 
 
-def _digest(members: Sequence[tuple[str, Any]], table: Bytes) -> str:
+def _digest(members: Sequence[tuple[str, Any]], table: Bytes, known: Known) -> str:
     variables, groups = {}, {}
-    names = {
-        _address(member.id): path.rpartition("/")[2]
-        for path, member in members
-        if isinstance(member, h5py.Dataset) and member.is_scale
-    }
+    for path, member in members:
+        if isinstance(member, h5py.Dataset) and member.is_scale:
+            known.names[_address(member.id)] = path.rpartition("/")[2]
     for path, member in members:
         if isinstance(member, h5py.Group):
-            groups[path] = _attributes(member)
+            groups[path] = _attributes(member, known.attributes[path])
         else:
-            variables[path] = _described(member, names)
+            variables[path] = _described(member, path, known)
     content = {
         "groups": groups,
         "variables": variables,
@@ -104,11 +114,12 @@ def _members(place: h5py.Group, before: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{before}{name}", h5py.Dataset(member)
 
 
-def _attributes(place: Any) -> dict[str, Any]:
+def _attributes(place: Any, known: Mapping[str, Any]) -> dict[str, Any]:
     """The attributes of a group or a variable: texts as they are, numbers as type, shape and bytes."""
+    stored = place.attrs
     return {
-        name: _plain(place.attrs[name])
-        for name in place.attrs
+        name: _plain(known[name] if name in known else stored[name])
+        for name in stored
         if name not in (*_ADDRESSES, CONTENT)
     }
 
@@ -120,25 +131,30 @@ def _plain(value: Any) -> Any:
     return [array.dtype.str, list(array.shape), array.tobytes().hex()]
 
 
-def _described(dataset: h5py.Dataset, names: dict[int, str]) -> dict[str, Any]:
-    text = h5py.check_string_dtype(dataset.dtype)
+def _described(dataset: h5py.Dataset, path: str, known: Known) -> dict[str, Any]:
+    kind = dataset.dtype
+    text = h5py.check_string_dtype(kind)
     return {
-        "type": dataset.dtype.str if text is None else f"{dataset.dtype.str} {text.encoding}",
+        "type": kind.str if text is None else f"{kind.str} {text.encoding}",
         "shape": list(dataset.shape),
         "chunks": list(dataset.chunks or ()),
         "filters": _filters(dataset),
-        "dimensions": list(dimensions(dataset, names)),
-        "attributes": _attributes(dataset),
+        "dimensions": list(dimensions(dataset, path, known)),
+        "attributes": _attributes(dataset, known.attributes[path]),
     }
 
 
-def dimensions(dataset: h5py.Dataset, names: dict[int, str]) -> tuple[str, ...]:
-    """Names of the dimensions of a variable, which are those of the coordinates it refers to. ``names``: those that
-    are known by the coordinate's address in the file, to which others are added: HDF5 looks through the file
-    for each.
+def dimensions(dataset: h5py.Dataset, path: str, known: Known) -> tuple[str, ...]:
+    """Names of the dimensions of a variable, which are those of the coordinates it refers to. HDF5 looks through the
+    file for each that is not ``known``.
     """
-    if dataset.is_scale:
-        return (_name(dataset.id),)
+    if path not in known.dims:
+        own = path.rpartition("/")[2]
+        known.dims[path] = (own,) if dataset.is_scale else _dimensions(dataset, known.names)
+    return known.dims[path]
+
+
+def _dimensions(dataset: h5py.Dataset, names: dict[int, str]) -> tuple[str, ...]:
     found = ["?"] * len(dataset.shape)
     if not h5py.h5a.exists(dataset.id, b"DIMENSION_LIST"):
         return tuple(found)
@@ -235,9 +251,9 @@ class ChunkDigests:
         self._recent: dict[tuple[str, int], AnyArray] = {}
 
     @classmethod
-    def of(cls, file: h5py.File) -> ChunkDigests:
-        """Those of an open file. CatalogError for a table that is not that of the attribute `CONTENT`, or that has not
-        a row for each chunk.
+    def of(cls, file: h5py.File, known: Known | None = None) -> ChunkDigests:
+        """Those of an open file, of which something may be known. CatalogError for a table that is not that of the
+        attribute `CONTENT`, or that has not a row for each chunk.
         """
         members = list(_members(file))
         grids = _grids(members)
@@ -245,7 +261,7 @@ class ChunkDigests:
         count = sum(map(len, grids.values()))
         if table.shape != (count, DIGEST_BYTES):
             raise CatalogError(f"{INTEGRITY}/{TABLE}: has not a digest for each of {count} chunks")
-        if _digest(members, table) != file.attrs[CONTENT]:
+        if _digest(members, table, known or Known()) != file.attrs[CONTENT]:
             raise CatalogError(
                 f"{CONTENT}: the content is not what was written (damaged or edited)"
             )

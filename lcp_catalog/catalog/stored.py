@@ -24,7 +24,7 @@ from ..errors import CatalogError
 from ..file_kinds import other_kind
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
-from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, line_of
+from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, Known, line_of
 from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT, packing
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray, held
 from .schema import PACKED, Variable
@@ -140,9 +140,9 @@ class FileHead:
     shapes: dict[str, tuple[int, ...]]
 
     @classmethod
-    def of(cls, file: h5py.File) -> FileHead:
+    def of(cls, file: h5py.File, known: Known | None = None) -> FileHead:
         """CatalogError for a file whose digests do not belong together."""
-        digests = ChunkDigests.of(file)
+        digests = ChunkDigests.of(file, known)
         shapes = {name: digests.grids[name].shape for name in variables(file)}
         return cls(digests, attributes(file), group_attributes(file), shapes)
 

@@ -19,7 +19,7 @@ from ..errors import CatalogError, not_a
 from .catalogue import Catalog
 from .checks import Finding, first_few, lines, part_findings, text_problems
 from .file_structure import structure_problems, variables
-from .integrity import HDF5_ERRORS, line_of
+from .integrity import HDF5_ERRORS, Known, line_of
 from .layout import LEVELS, TEXT
 from .model import BLOCK_BYTES
 from .schema import Variable
@@ -145,19 +145,19 @@ def judge(stored: StoredFile, content: bool = True) -> tuple[list[str], FileHead
     problems of the structure of a large one.
     """
     found: list[str] = []
-    head = None
+    head, known = None, Known()
     try:
         with stored.opened() as file:
-            found = structure_problems(file, stored.size)
+            found = structure_problems(file, stored.size, known)
             if found:
                 return found, None
             texts = attributes(file)
             found = text_problems(texts, group_attributes(file))
             content |= sum(file[name].nbytes for name in variables(file)) <= _WHOLE_BYTES
             if content:
-                known = not any(line.startswith("errors") for line in found)
-                found += lines(_findings(file, json.loads(texts["errors"]) if known else None))
-            head = FileHead.of(file)
+                sound = not any(line.startswith("errors") for line in found)
+                found += lines(_findings(file, json.loads(texts["errors"]) if sound else None))
+            head = FileHead.of(file, known)
             if content:
                 unread = {line.partition(":")[0] for line in found if "cannot be read" in line}
                 found += head.digests.problems(file, unread)

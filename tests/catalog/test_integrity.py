@@ -225,4 +225,4 @@ def test_a_bit_near_an_index_of_chunks_changes_no_value(
 def test_dimensions_that_cannot_be_read_are_an_error(copy: Path) -> None:
     copy.write_bytes(copy.read_bytes().replace(b"GCOL", b"COAL"))
     with h5py.File(copy) as file, pytest.raises(OSError, match="heap"):
-        integrity.dimensions(file["longitude"], {})
+        integrity.dimensions(file["longitude"], "longitude", integrity.Known())
