@@ -59,21 +59,45 @@ def parts_of_cells(lat, grid, columns, limit, boxes):
 
 
 @njit(nogil=True)
-def _turned(box, turn, away, spread, bend, found):
-    """The box (4,) that contains the Suns of a part (row of `parts_of_cells`) in a frame that is turned, into
+def _towards(boxes, suns):
+    """Of parts (rows of `parts_of_cells`): half the height and width, elevation and azimuth of the middle, radians, and the unit
+    vector there, east, north, up, into the rows of ``suns`` (size, 7).
+    """
+    for k in range(len(boxes)):
+        box, sun = boxes[k], suns[k]
+        sun[0] = math.radians(box[2] - box[1]) / 2.0
+        sun[1] = math.radians(box[4] - box[3]) / 2.0
+        el, az = math.radians(box[1] + box[2]) / 2.0, math.radians(box[3] + box[4]) / 2.0
+        sun[2], sun[3] = el, az
+        level = math.cos(el)
+        sun[4], sun[5], sun[6] = level * math.sin(az), level * math.cos(az), math.sin(el)
+
+
+@njit(nogil=True)
+def _in_circle(angle):
+    """``angle % 360.0``, without a division near the circle."""
+    if 0.0 <= angle < 360.0:
+        return angle
+    if -360.0 <= angle < 0.0:
+        return angle + 360.0
+    return angle % 360.0
+
+
+@njit(nogil=True)
+def _turned(box, sun, turn, away, spread, bend, found):
+    """The box (4,) that contains the Suns of a part (row of `parts_of_cells`, and of `_towards`) in a frame that is turned, into
     found. ``away``: angle between the verticals; ``spread``: how far the frame's place may be from the one given,
     where meridians converge by ``bend`` times that.
     """
-    el, az = math.radians(box[1] + box[2]) / 2.0, math.radians(box[3] + box[4]) / 2.0
-    half_el, half_az = math.radians(box[2] - box[1]) / 2.0, math.radians(box[4] - box[3]) / 2.0
-    x, y, z = math.cos(el) * math.sin(az), math.cos(el) * math.cos(az), math.sin(el)
+    half_el, half_az, el, az = sun[0], sun[1], sun[2], sun[3]
+    x, y, z = sun[4], sun[5], sun[6]
     east = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
     north = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
     up = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
     level = math.hypot(east, north)
-    rise = math.atan2(up, level) - el
+    rise = math.degrees(math.atan2(up, level) - el)
     more = math.degrees(_SAFETY * away * half_az + spread)
-    found[0], found[1] = box[1] + math.degrees(rise) - more, box[2] + math.degrees(rise) + more
+    found[0], found[1] = box[1] + rise - more, box[2] + rise + more
     steep = max(abs(box[2]), found[1])
     if steep > _NEAR_ZENITH_DEG:
         found[2], found[3] = 0.0, 360.0
@@ -82,7 +106,7 @@ def _turned(box, turn, away, spread, bend, found):
     more = _SAFETY * away * (half_el * (1.0 + slope * slope) + half_az * slope)
     more = math.degrees(more + _SAFETY * spread * (slope + bend))
     shift = math.degrees(math.atan2(east, north) - az)
-    shift = (shift + 180.0) % 360.0 - 180.0
+    shift = _in_circle(shift + 180.0) - 180.0
     found[2], found[3] = box[3] + shift - more, box[4] + shift + more
     if not found[3] - found[2] < 360.0:
         found[2], found[3] = 0.0, 360.0
@@ -107,90 +131,115 @@ def _weight(box, i, at, wide, corners, low):
 
 
 @njit(nogil=True)
-def _from_start(box, start, wide):
-    """A box's azimuths from the first one of a cell on: the turn of the circle that reaches into the cell."""
-    first = (box[2] - start) % 360.0
-    last = first + box[3] - box[2]
+def _from_start(west, east, start, wide):
+    """The azimuths of a box from the first one of a cell on: the turn of the circle that reaches into the cell."""
+    first = _in_circle(west - start)
+    last = first + east - west
     if first >= wide * (1.0 - BEYOND):
         first, last = first - 360.0, last - 360.0
     return first, last
 
 
 @njit(nogil=True)
-def overlapped(box, grid, happens, known, cells):
-    """The cells that a box (4,) overlaps and in which the Sun can stand, into cells; returns their number, or
-    -1 where the box leaves the grid or what is evaluated. ``happens`` (cell,), ``known`` (e, a).
+def _columns(west, east, start, wide):
+    """The columns of cells that azimuths overlap: the first, and the end, as if the circle went on."""
+    count, begin = len(start), _in_circle(west)
+    first = count - 1
+    while first > 0 and start[first] > begin:
+        first -= 1
+    if start[first] > begin:
+        first = count - 1
+    for end in range(first, first + count):
+        j = end if end < count else end - count
+        low, high = _from_start(west, east, start[j], wide[j])
+        slack = BEYOND * wide[j]
+        if low >= wide[j] - slack or high <= slack:
+            if end > first:
+                return first, end
+            first += 1  # they begin where that ends
+    return first, end + 1
+
+
+@njit(nogil=True)
+def _overlapped(box, grid, wide, happens, known, mark, marks, cells, size):
+    """Append to ``cells`` the cells that a box (4,) overlaps, in which the Sun can stand, and that have no ``mark`` in ``marks``
+    (cell,) yet; mark them. Returns the number of cells, or -1 where the box overlaps none, or leaves the grid or what is
+    evaluated. ``wide`` (a,): of the columns; ``happens`` (cell,), ``known`` (e, a).
     """
     low, start, above, after = grid
     if box[0] < low[0] - 1e-6 or box[1] > low[-1] + 1e-6:
         return -1
-    size, count = 0, len(start)
+    west, east = box[2], box[3]
+    first, last = _columns(west, east, start, wide)
+    count, some = len(start), False
     for i in range(len(low) - 1):
         slack = BEYOND * (low[i + 1] - low[i])
         if box[1] <= low[i] + slack or box[0] >= low[i + 1] - slack:
             continue
-        for j in range(count):
-            k = (j + 1) % count
-            wide = (start[k] - start[j]) % 360.0
-            first, last = _from_start(box, start[j], wide)
+        for column in range(first, last):
+            j = column if column < count else column - count
+            k = j + 1 if j + 1 < count else 0
             cell = i * count + j
-            slack = BEYOND * wide
-            if first >= wide - slack or last <= slack or not happens[cell]:
+            if not happens[cell]:
                 continue
             if above[i] != i + 1 or after[j] != k:
                 return -1
             corners = (known[i, j], known[i, k], known[i + 1, j], known[i + 1, k])
-            if _weight(box, i, (first, last), wide, corners, low) < 0.5:
+            at = _from_start(west, east, start[j], wide[j])
+            if _weight(box, i, at, wide[j], corners, low) < 0.5:
                 return -1
-            cells[size] = cell
-            size += 1
-    return size
+            some = True
+            if marks[cell] != mark:
+                marks[cell], cells[size] = mark, cell
+                size += 1
+    return size if some else -1
 
 
 @njit(nogil=True)
-def _least(cells, size, units, shift, columns):
-    """The least units of a candidate (c,) in any of the cells, of the view with this ``shift``."""
-    if size <= 0:
-        return np.uint8(0)
-    least = np.uint8(255)
-    for k in range(size):
-        c = columns[cells[k]]
-        if c < 0:
-            return np.uint8(0)
-        least = min(least, units[shift + c])
-    return least
-
-
-@njit(nogil=True)
-def served(worth, units, turns, away, spread, bend, boxes, grid, happens, known, columns, views):
-    """Lower the units (condition,) that a candidate is worth at a place to what it surely is there.
+def _served(
+    worth, units, turns, away, spread, bend, boxes, suns, grid, wide, happens, known, columns, views
+):
+    """Lower the units (condition,) that a candidate is worth at a place to what it surely is there: the least in all cells that
+    the parts of a cell overlap; 0 where one has no condition, or where there is none.
 
     ``units`` (condition,): by the angles at the candidate; ``turns`` (3, 3): from the frame of the place to
-    that of the candidate.
+    that of the candidate; ``boxes``, ``suns``: rows of `parts_of_cells` and of `_towards`.
     """
     each = len(units) // views
-    box, cells = np.zeros(4), np.zeros(len(columns), np.int64)
-    for part in boxes:
-        own = columns[int(part[0])]
-        size = -2
+    box, cells, marks = np.zeros(4), np.zeros(len(columns), np.int64), np.full(len(columns), -1)
+    begin = 0
+    while begin < len(boxes):
+        cell, end = boxes[begin, 0], begin
+        while end < len(boxes) and boxes[end, 0] == cell:
+            end += 1
+        own, size, some = columns[int(cell)], 0, False
         for shift in range(0, len(units), each):
-            c = shift + own
-            if not worth[c]:
-                continue
-            if size == -2:
-                _turned(part, turns, away, spread, bend, box)
-                size = overlapped(box, grid, happens, known, cells)
-            worth[c] = min(worth[c], _least(cells, size, units, shift, columns))
+            some |= worth[shift + own] > 0
+        for k in range(begin, end if some else begin):
+            _turned(boxes[k], suns[k], turns, away, spread, bend, box)
+            size = _overlapped(box, grid, wide, happens, known, begin, marks, cells, size)
+            if size < 0:
+                break
+        for k in range(size):
+            if columns[cells[k]] < 0:
+                size = -1
+                break
+        for shift in range(0, len(units), each):
+            least = worth[shift + own] if size > 0 else np.uint8(0)
+            for k in range(size):
+                least = min(least, units[shift + columns[cells[k]]])
+            worth[shift + own] = least
+        begin = end
 
 
 @njit(nogil=True)
 def serve(worth, found, near, frames, spread, units, suns, grid, columns, views, limit):
-    """`served` for all pairs, once for each row of worth; ``found`` (place, condition) is set where the Sun can
+    """`_served` for all pairs, once for each row of worth; ``found`` (place, condition) is set where the Sun can
     stand in a cell at a place.
 
     ``near``: where the pairs of each place start, and of each pair the candidate and the row of worth.
     ``frames``: latitudes (p,) and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3). ``suns``: the
-    number of each candidate's latitude, and what happens and is evaluated there (`overlapped`).
+    number of each candidate's latitude, and what happens and is evaluated there (`_overlapped`).
     """
     starts, candidate, row = near
     lats, axes, others = frames
@@ -202,10 +251,12 @@ def serve(worth, found, near, frames, spread, units, suns, grid, columns, views,
         size += (math.ceil(high / PART_DEG[0]) + 1) * (
             len(grid[1]) + math.ceil(360.0 / PART_DEG[1])
         )
-    boxes = np.zeros((size, 5))
+    boxes, directions = np.zeros((size, 5)), np.zeros((size, 7))
     done = np.zeros(len(worth), np.bool_)
+    wide = (np.roll(grid[1], -1) - grid[1]) % 360.0
     for p in range(len(lats)):
         size = parts_of_cells(lats[p], grid, columns, limit + spread, boxes)
+        _towards(boxes[:size], directions)
         for part in boxes[:size]:
             for v in range(views):
                 found[p, v * each + columns[int(part[0])]] = True
@@ -220,7 +271,7 @@ def serve(worth, found, near, frames, spread, units, suns, grid, columns, views,
             bend = sine / math.sqrt(1.0 - sine * sine) if sine < 1.0 else math.inf
             bend = bend if spread > 0.0 else 0.0
             own = number[i]
-            served(
-                worth[row[k]], units[i], turns, away, spread, bend, boxes[:size], grid,
-                happens[own], known[own], columns, views,
+            _served(
+                worth[row[k]], units[i], turns, away, spread, bend, boxes[:size], directions, grid,
+                wide, happens[own], known[own], columns, views,
             )  # fmt: skip

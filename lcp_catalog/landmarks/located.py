@@ -121,12 +121,16 @@ def chance_of(gsd_m: float) -> float:
     return area / (2.0 * reach + 1.0) ** 2
 
 
-@functools.cache
 def needed(count: int, probability: float, chance: float) -> int:
     """Fewest matches whose agreement is significant, of points (their number) that are each found with a probability, beside
     the wrong matches of the others.
     """
-    wrong = round(WRONG * count * (1.0 - probability))
+    return _significant(round(WRONG * count * (1.0 - probability)), chance)
+
+
+@functools.cache
+def _significant(wrong: int, chance: float) -> int:
+    """Fewest matches whose agreement is significant beside so many wrong ones."""
     k = _MINIMAL + 1
     while (
         log10_false_alarms(np.full(k + wrong, chance), np.arange(k + wrong) < k, _MINIMAL)

@@ -7,6 +7,7 @@ differ between the points of a footprint.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -166,12 +167,14 @@ class PromisedPlaces:
     radius_m: float
 
     @classmethod
+    @functools.lru_cache(maxsize=2)
     def of(
         cls, region: Area, points: PointConfig, gsd_m: float, conditions: int, demand: int
     ) -> PromisedPlaces:
         """An even lattice over a region. Where a footprint reaches beyond the region, as large a share
         of the ``demand`` is promised as of the footprint lies in it, rounded down. ConfigError for a
         footprint that is small beside the distance of as many places as can be kept, or so large that no place has a share.
+        The last ones are kept, since a build asks at each choice.
         """
         x0, x1, y0, y1 = region.extent_m
         most = min(COVERAGE_CELLS, COVERAGE_BYTES // conditions)
