@@ -20,6 +20,9 @@ from .grid import Grid
 from .products import ProductFacts, facts_of, product_name
 from .raster import Gridded, Raster, grid_of, open_dataset, require_file, unit_m
 
+_SIDE_MIN = 3
+"""Heights along a side of the smallest DEM of which anything can be rendered."""
+
 
 @dataclass(frozen=True)
 class Dem(Gridded):
@@ -122,6 +125,17 @@ class Dem(Gridded):
         if found.is_measured:
             return found.resolution_m
         return None if published is None else max(published, self.gsd_m)
+
+    @property
+    def too_small(self) -> str:
+        """Why there is no ground between its heights; empty if there is."""
+        rows, cols = self.grid.height, self.grid.width
+        if min(rows, cols) >= _SIDE_MIN:
+            return ""
+        return (
+            f"has {rows} x {cols} heights (rows x columns); a node of ground has heights on all sides, "
+            f"which takes at least {_SIDE_MIN} x {_SIDE_MIN}: give the whole DEM"
+        )
 
     @property
     def radius_m(self) -> float:

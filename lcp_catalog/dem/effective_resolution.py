@@ -53,27 +53,29 @@ _NARROWEST = 16
 
 class Heights(NamedTuple):
     """Heights (rows, cols) of a window, metres, NaN without one, and the distances of its nodes on
-    the surface, (down, across) in metres.
+    the surface, (down, across) in metres; the file's first row, and how many of its pixels are averaged along a row.
     """
 
     z_m: Array | Float32
     steps_m: tuple[float, float]
+    row0: int = 0
+    averaged: int = 1
 
 
-def sample_windows(dem: Gridded) -> Iterator[Heights]:
-    """The windows of a file from north to south and west to east. Pixels of a cylinder that are
-    narrower than half of their height are averaged along the row, so that cells are about square.
+def sample_windows(dem: Gridded, side: int = WINDOW_PX) -> Iterator[Heights]:
+    """The windows of a file from north to south and west to east, of at most ``side`` pixels. Pixels of a cylinder that
+    are narrower than half of their height are averaged along the row, so that cells are about square.
     """
-    for row0, row1 in _spans(*_rows(dem), _most_rows(dem), DOWN):
+    for row0, row1 in _spans(*_rows(dem), min(side, _most_rows(dem)), DOWN):
         stretch = _pixel_shape(dem, row0, row1)
         factor = max(1, min(_NARROWEST, math.floor(stretch[0] / stretch[1] + 1e-9)))
-        for col0, col1 in _spans(0, _columns(dem), WINDOW_PX * factor, ACROSS):
+        for col0, col1 in _spans(0, _columns(dem), side * factor, ACROSS):
             z = dem.read(row0, row1, col0, col1)
             whole = (col1 - col0) // factor * factor
             if not whole:
                 continue
             means = z[:, :whole].reshape(len(z), -1, factor).mean(axis=2, dtype=np.float32)
-            yield Heights(means, (stretch[0], stretch[1] * factor))
+            yield Heights(means, (stretch[0], stretch[1] * factor), row0, factor)
 
 
 def _columns(dem: Gridded) -> int:

@@ -62,7 +62,7 @@ def check_dem(path: Path | str) -> CheckResult:
         return CheckResult(str(path), None, (_line(error),))
     problems, notes = _sizes(dem, label), _names(dem, label)
     try:
-        survey = sample_statistics(dem.raster)
+        survey = sample_statistics(dem.raster, dem.grid)
     except LcpError as error:
         return CheckResult(str(path), dem.product, (*problems, _line(error)), tuple(notes))
     wrong = _heights(dem, survey)
@@ -79,8 +79,8 @@ def check_dem(path: Path | str) -> CheckResult:
 def _doubts(dem: Dem, survey: SampleStatistics) -> Iterator[str]:
     if survey.lowest is not None and survey.highest is not None:
         low_m, high_m = (_metres(dem, one.value) for one in (survey.lowest, survey.highest))
-        known = (survey.pixels - survey.missing) / survey.pixels
-        yield from doubts(dem, low_m, high_m, known, survey.block_zeros / survey.pixels)
+        known = survey.pixels - survey.missing
+        yield from doubts(dem, low_m, high_m, survey.pixels, known, survey.stuck)
 
 
 def _line(error: LcpError) -> str:
@@ -136,6 +136,8 @@ def _names(dem: Dem, label: Label | None) -> list[str]:
 
 def _heights(dem: Dem, survey: SampleStatistics) -> list[str]:
     """Problems of the pixels alone."""
+    if dem.too_small:
+        return [dem.too_small]
     if survey.lowest is None or survey.highest is None:
         return ["every pixel is missing; fetch the file again"]
     if survey.looks_swapped:

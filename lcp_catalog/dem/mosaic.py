@@ -34,6 +34,7 @@ from ..errors import AreaError, DemError, not_a
 from ..geometry.bounds import Bounds, enclosing_arc
 from .dem import Dem
 from .products import is_called
+from .shared_ground import FACTOR, PLACES_MIN
 from .tiles import BAND_PX, BAND_SHARE, Layer, smoothstep
 
 log = logging.getLogger(__name__)
@@ -113,13 +114,9 @@ class DemSet:
         return cls(tuple(Dem.open(path) for path in dem_files(paths)), tuple(order or ()))
 
     def require_surface(self) -> None:
-        """DemError for files of which none has two rows and two columns of heights, between which ground could lie."""
-        if all(min(dem.grid.width, dem.grid.height) < 2 for dem in self.dems):
-            first = self.dems[0]
-            raise DemError(
-                f"{first.path.name}: has {first.grid.height} x {first.grid.width} heights (rows x columns); ground lies between at "
-                "least 2 x 2: give the whole DEM"
-            )
+        """DemError for files that are all too small for ground (`Dem.too_small`)."""
+        if all(dem.too_small for dem in self.dems):
+            raise DemError(f"{self.dems[0].path.name}: {self.dems[0].too_small}")
 
     def require_patch(self, nodes: int, cell_m: float) -> None:
         """DemError for a single file that is narrower than a patch of ``nodes`` cells, so that it can hold no point."""
@@ -442,14 +439,8 @@ UNKNOWN_SIGMA_M = 10.0
 """1 sigma of absolute heights assumed for a product whose uncertainty is not published. Errors of its relief are another
 matter: `error_maps.errors_of_file`.
 """
-FACTOR = 3.0
-"""Two products disagree if the median of their absolute differences exceeds this many sigmas of a
-difference.
-"""
-
 _CLUSTERS = 4  # along a side of the box
 _NODES = 8  # along a side of a cluster: places close together are read in one small window
-_PLACES_MIN = 30
 
 
 @dataclass(frozen=True)
@@ -517,7 +508,7 @@ def _compared(dems: DemSet, first: int, second: int, box: Bounds) -> Disagreemen
         one, other = (layer.sample(lon, lat, gsd_m).height for layer in layers)
         differences.append(np.abs(one - other)[np.isfinite(one) & np.isfinite(other)])
     common = np.concatenate(differences) if differences else np.zeros(0)
-    if common.size < _PLACES_MIN:
+    if common.size < PLACES_MIN:
         return None
     facts = [layer.dems[0].facts for layer in layers]
     sigmas = [UNKNOWN_SIGMA_M if f.sigma_m is None else f.sigma_m for f in facts]

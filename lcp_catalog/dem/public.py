@@ -12,6 +12,7 @@ from .coverage import MOON_KM2, Band, SetCoverage, set_coverage, set_disagreemen
 from .dem import Dem
 from .mosaic import DemSet, Disagreement, dem_files, height_at
 from .pixel_statistics import HeightStatistics, Region, height_statistics
+from .plausibility import warn_of_all_heights
 
 Dems: TypeAlias = DemSet | Path | str | Sequence[Path | str]
 """DEMs of a public function: an opened set, one file, or several."""
@@ -99,7 +100,7 @@ def dem_info(
     product_order: Sequence[str] = (),
 ) -> DemInfo:
     """Projection, bounds, cell size, heights and missing pixels of DEM files, and the coverage of all
-    files together.
+    files together. Logs a warning for heights that are hardly those of the Moon in metres.
 
     Parameters
     ----------
@@ -127,6 +128,8 @@ def dem_info(
     dems = dem_set(dem, product_order)
     covered = set_coverage(dems)
     heights = None if quick else tuple(height_statistics(one) for one in dems.dems)
+    for one in heights or ():
+        warn_of_all_heights(one)
     differing = None if quick else set_disagreements(dems, covered)
     paths = dem_paths(dem if not isinstance(dem, DemSet) else dems)
     names = [str(path) for path in paths]

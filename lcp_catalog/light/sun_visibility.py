@@ -14,6 +14,7 @@ import numpy as np
 from ..accuracy import TIERS
 from ..arrays import Array
 from ..dem.mosaic import DemSet
+from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_set
 from ..ephemeris.solar_position import SunTable, sun_table
 from ..ephemeris.times import Times
@@ -94,6 +95,7 @@ def sun_over_ground(
     """
     if above_m < 0.0:
         raise AreaError(f"invalid height above the terrain: {above_m:g} m")
+    warn_of_doubts(dems, dems.bounds)
     if gsd_m is None:
         gsd_m = native_gsd_m(dems, Area(lon_deg, lat_deg, 1e-3))
     height, index = dems.heights(lon_deg, lat_deg, gsd_m)

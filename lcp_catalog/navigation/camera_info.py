@@ -27,6 +27,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
+from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_set
 from ..geometry.frames import Direction, EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from ..geometry.sphere_intersection import hits, nadir_angles, on_sphere
@@ -358,6 +359,7 @@ def camera_info(
         found["catalog"] = {"points": len(points), "in_view": in_view}
     if dem is not None:
         dems = dem_set(dem)
+        warn_of_doubts(dems, dems.bounds)
         cell_m = max(dems.dems[0].gsd_m, centre["pixel_m"] if centre else 0.0)
         found["dem"] = _on_dem(sensor, ground[np.isfinite(ground[:, 0])], dems, cell_m)
     found["problems"] = list(filter(None, _problems(sensor, found, points)))

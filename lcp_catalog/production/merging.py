@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import logging
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
@@ -39,8 +40,10 @@ from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select
 from ..terrain.area import Area
 from .config import BuildConfig
-from .overlap import MergedPart, contradiction
+from .overlap import MergedPart, agreement
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES, middles, ring_cells
+
+log = logging.getLogger(__name__)
 
 _RANK = np.array([6, 2, 3, 4, 1, 5])
 """Order of the codes of `Status`: of several reports on a cell the highest holds."""
@@ -233,7 +236,7 @@ def merge_catalogs(
     the points that are left out (`merged_promise`).
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
-    errors, albedo map or meaning of the flags, or contradicting heights of the same ground (`overlap.contradiction`);
+    errors, albedo map or meaning of the flags, or contradicting heights of the same ground (`overlap.agreement`);
     OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
@@ -281,13 +284,23 @@ class _Merge:
         )
 
     def require_agreement(self) -> None:
-        """CatalogError for two inputs whose heights of the same ground contradict each other."""
+        """CatalogError for two inputs whose heights of the same ground contradict each other. Logs a warning for those of which
+        that could not be seen.
+        """
+        unseen = []
         for one, other in itertools.combinations(range(len(self.inputs)), 2):
-            if text := contradiction(self.maps.parts[one], self.maps.parts[other]):
+            found = agreement(self.maps.parts[one], self.maps.parts[other])
+            paths = self.inputs[other].path, self.inputs[one].path
+            if found.fault:
                 raise CatalogError(
-                    f"{self.inputs[other].path}: cannot be merged with {self.inputs[one].path}: {text}; one of "
+                    f"{paths[0]}: cannot be merged with {paths[1]}: {found.fault}; one of "
                     "their DEMs is wrong there: leave it out"
                 )
+            if found.unseen:
+                unseen.append(f"{paths[0]}: merged with {paths[1]}, but {found.unseen}")
+        if unseen:
+            more = f"; so have {len(unseen) - 1} other pairs" if len(unseen) > 1 else ""
+            log.warning("%s%s; compare their DEMs (lcp dem info)", unseen[0], more)
 
     def write_index(self, output: Path | str, overwrite: bool) -> None:
         """Write an index of the inputs (`catalog.shards`)."""

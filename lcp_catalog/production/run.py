@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 from ..arrays import Index
 from ..atomic_files import are_as_noted, check_output, file_facts, unread_facts
 from ..catalog.stored import StoredFile, stored_catalog
+from ..dem.effective_resolution import WINDOW_PX
 from ..dem.mosaic import DemSet, warn_of_disagreements
 from ..dem.plausibility import warn_of_doubts
 from ..ephemeris.solar_position import highest_sun_deg
@@ -125,7 +126,7 @@ class Build:
         config.points.check_size(max(x1 - x0, y1 - y0))
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
-        warn_of_doubts(dems, region.bounds)
+        warn_of_doubts(dems, region.bounds, WINDOW_PX)
         if config.area.region is not None:
             warn_of_region(dems, region, config.area.gsd_m)
         chosen = cells(config, dems, region)

@@ -23,6 +23,7 @@ from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
 from ..dem.mosaic import DemSet, warn_of_disagreements
+from ..dem.plausibility import warn_of_doubts
 from ..errors import CameraError, ImageError
 from ..geometry.frames import Direction, EnuFrame
 from ..light.bounced_light import BOUNCE_RMS, SHOWS, bounced_bound, bounced_sample
@@ -242,6 +243,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
     dems.require_surface()
     area, grows = area_of(request)
     warn_of_disagreements(dems, area.bounds)
+    warn_of_doubts(dems, area.bounds)
     light = request.lighting(area.frame)
     terrain, view, ring = _ground(request, area, grows, light)
     choice = timed("reflectance")(choose_model)(

@@ -328,15 +328,14 @@ def test_a_line_of_heights_is_no_ground(tmp_path, capsys, command, rows, cols):
     assert run([command, str(path), "-o", str(out), *sun]) == 1
     said = capsys.readouterr().err.splitlines()[-1]
     assert f"line.tif: has {rows} x {cols} heights (rows x columns)" in said
-    assert "at least 2 x 2" in said
+    assert "at least 3 x 3" in said
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
     ("command", "side", "said"),
     [
-        ("render", 2, "no node of the area lies among heights of the DEM on all sides"),
-        ("build-catalog", 2, "line.tif: has 2 x 2 heights (rows x columns) of"),
+        ("build-catalog", 3, "line.tif: has 3 x 3 heights (rows x columns) of"),
         ("build-catalog", 20, "a patch takes 33 x 33 cells of"),
     ],
 )

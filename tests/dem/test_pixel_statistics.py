@@ -100,6 +100,7 @@ class TestPixels:
         edit(path, lambda text: cut(text, DERIVED_MINIMUM="'N/A'", DERIVED_MAXIMUM="'N/A'"))
         verdict = check_dem(path)
         assert any("3 rows and 1 columns hold only zeros" in note for note in verdict.notes)
+        assert "lie in lines or blocks of zeros" in verdict.warnings[0]
 
     def test_one_value_is_doubtful(self, tmp_path: Path) -> None:
         path = geotiff(tmp_path / "LDEM_64.tif", np.full((4, 4), 7.0, np.float32), 0.0, 0.0, 10.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from helpers.products import geotiff
+from helpers.products import DEGREE_M, geotiff
 from helpers.small_build import CONFIG, DEM
 from lcp_cli.main import run
 from rasterio.windows import Window
@@ -20,7 +20,7 @@ from lcp_catalog.dem.plausibility import warn_of_doubts
 from lcp_catalog.production.run import Build
 
 KILOMETRES, FLAT, STEEP = "look like kilometres", "are flatter than", "are steeper than"
-ZEROS = "lie in blocks of zeros"
+ZEROS, EQUAL = "lie in lines or blocks of zeros", "lie in lines of equal heights"
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +46,16 @@ def said(path: Path) -> tuple[str, ...]:
     log.addHandler(handler)
     try:
         dems = DemSet.open([path])
-        warn_of_doubts(dems, dems.bounds)
+        warn_of_doubts(dems, dems.bounds, 1024)
     finally:
         log.removeHandler(handler)
     assert logged == [f"{path}: {text}" for text in found.warnings]
     return found.warnings
+
+
+def test_real_products_are_not_doubted(shared_data: Path) -> None:
+    for dem in sorted((shared_data / "dem").glob("*/[gl]*.tif")):
+        assert said(dem) == (), dem
 
 
 def test_real_heights_are_not_doubted(hadley: np.ndarray, ldem_4: Path, tmp_path: Path) -> None:
@@ -90,9 +95,41 @@ def test_missing_pixels_that_are_written_as_zeros(hadley: np.ndarray, tmp_path: 
     (text,) = said(written(tmp_path / "holed.tif", holed))
     assert ZEROS in text
     assert said(written(tmp_path / "declared.tif", holed, nodata=0)) == ()
-    line = hadley.copy()
-    line[101:108, :] = 0  # lower than a block
-    assert said(written(tmp_path / "line.tif", line)) == ()
+
+
+@pytest.mark.parametrize(
+    ("where", "value", "says"),
+    [
+        ((slice(101, 800, 50), slice(None)), 0.0, f"1.8 % of the pixels {ZEROS}"),
+        ((slice(None), slice(77, 78)), 0.0, ZEROS),
+        ((slice(300, 301), slice(100, 120)), 0.0, ZEROS),
+        ((slice(296, 304), slice(104, 112)), 0.0, ZEROS),
+        ((slice(300, 301), slice(100, 113)), 0.0, None),  # the ground has such lines nearly
+        ((slice(101, 800, 50), slice(None)), -1234.5, f"1.8 % of the pixels {EQUAL}"),
+        ((slice(300, 301), slice(100, 170)), -1234.5, EQUAL),
+        ((slice(300, 350), slice(100, 150)), -1234.5, None),
+    ],
+)
+def test_lines_of_one_height(
+    where: tuple[slice, slice], value: float, says: str | None, hadley: np.ndarray, tmp_path: Path
+) -> None:
+    lines = hadley.astype(np.float32)
+    lines[where] = value
+    found = said(written(tmp_path / "lines.tif", lines))
+    assert len(found) == (says is not None)
+    assert all(says in text for text in found if says)
+
+
+def test_narrow_pixels_near_a_pole_may_be_equal(tmp_path: Path) -> None:
+    """The first row of a cylinder is 10 km around: 3600 pixels of 3 m, where pixels are 3 km high."""
+    lon, lat = np.meshgrid(
+        np.radians(np.arange(0.05, 360.0, 0.1)), np.radians(np.arange(89.95, 85.0, -0.1))
+    )
+    x, y = np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon)
+    ground = np.rint(900.0 * np.sin(20.0 * x + 0.7) * np.cos(30.0 * y)).astype(np.float32)
+    assert np.count_nonzero(np.diff(ground[0])) < 100
+    path = geotiff(tmp_path / "polar.tif", ground, 0.0, 90.0 * DEGREE_M, DEGREE_M / 10.0)
+    assert said(path) == ()
 
 
 def test_the_commands_say_it(
@@ -114,3 +151,55 @@ def test_a_build_says_it(
     path = geotiff(tmp_path / "km.tif", (hadley / 1000.0).astype(np.float32), 70e3, 840e3, 118.45)
     Build.plan((path,), CONFIG)
     assert KILOMETRES in caplog.text
+
+
+SUN = ["--sun-azimuth", "90", "--sun-elevation", "30"]
+PLACE = ["--center", "3.8", "26.2"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["dem", "info", "DEM"],
+        ["dem", "info", "DEM", "--json"],
+        ["render", "DEM", "-o", "OUT.tif", *PLACE, "--size", "3", *SUN],
+        ["sun", *PLACE, "--time", "2026-11-27T12:00:00", "--dem", "DEM"],
+        ["build-catalog", "DEM", "-o", "OUT.h5", "--plan"],
+    ],
+)
+def test_each_command_says_once_that_heights_are_kilometres(
+    command: list[str], hadley: np.ndarray, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = geotiff(tmp_path / "km.tif", (hadley / 1000.0).astype(np.float32), 70e3, 840e3, 118.45)
+    args = [one.replace("DEM", str(path)).replace("OUT", str(tmp_path / "out")) for one in command]
+    assert run(args) == 0
+    assert len({one.getMessage() for one in caplog.records if KILOMETRES in one.getMessage()}) == 1
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(1, 40), (2, 2), (1, 1), (2, 40)])
+def test_each_command_says_that_a_dem_is_too_small(
+    rows: int,
+    cols: int,
+    hadley: np.ndarray,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    path = written(tmp_path / "cut.tif", hadley[:rows, :cols])
+    says = (
+        f"cut.tif: has {rows} x {cols} heights (rows x columns); a node of ground has heights on all sides, "
+        "which takes at least 3 x 3"
+    )
+    out = str(tmp_path / "out")
+    for args, code in (
+        (["dem", "check", str(path)], 4),
+        (["dem", "info", str(path)], 0),
+        (["render", str(path), "-o", f"{out}.tif", *SUN], 1),
+        (["build-catalog", str(path), "-o", f"{out}.h5"], 1),
+    ):
+        assert run(args) == code
+        said = capsys.readouterr()
+        problem = says.partition(": ")[2] if args[1] == "check" else says
+        assert problem in said.out + said.err + caplog.text
+        caplog.clear()
+    assert list(tmp_path.iterdir()) == [path]

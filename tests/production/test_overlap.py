@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.production.merging import merge_catalogs
-from lcp_catalog.production.overlap import MergedPart, contradiction
+from lcp_catalog.production.overlap import MergedPart, agreement
 from lcp_catalog.terrain.area import Area
 
 pytestmark = pytest.mark.usefixtures("unchecked")
@@ -155,8 +156,8 @@ def test_heights_of_lola_and_of_images_are_merged(inputs: list[Catalog], ldem_4:
         return MergedPart(showing(wide, surface, east_m), region)
 
     images = part(real_heights.hadley, 1900.0)
-    assert contradiction(images, part(lola_at, 7600.0)) == ""
-    assert "apart" in contradiction(images, part(lola_at, 7600.0, -15_200.0))
+    assert agreement(images, part(lola_at, 7600.0)).fault == ""
+    assert "apart" in agreement(images, part(lola_at, 7600.0, -15_200.0)).fault
 
 
 def test_flat_noise_has_no_place(inputs: list[Catalog]) -> None:
@@ -174,7 +175,66 @@ def test_flat_noise_has_no_place(inputs: list[Catalog]) -> None:
         one, other = (
             MergedPart(showing(replace(inputs[0], overview=view), plain), region) for _ in range(2)
         )
-        assert contradiction(one, other) == ""
+        assert agreement(one, other).fault == ""
+
+
+def strip(inputs: list[Catalog], columns: int, surface: Surface, **shift: float) -> list[Catalog]:
+    """Catalogues that share so many columns of their overviews, of 450 m, and have no points; of different files."""
+    view = inputs[0].overview
+    middle = len(view.x) // 2
+    parts = (
+        (slice(0, middle + columns), real_heights.hadley, {}),
+        (slice(middle, None), surface, shift),
+    )
+    found = []
+    for own, ground, moved in parts:
+        whole = showing(inputs[0].take(np.zeros(0, int)), ground, **moved)
+        height = np.full_like(whole.overview.height, np.nan)
+        height[:, own] = whole.overview.height[:, own]
+        files = [{"name": "a.tif", "size": 1, "sha256": str(len(found)) * 64}]
+        found.append(replace(whole, overview=replace(view, height=height), sources=files))
+    return found
+
+
+@pytest.mark.parametrize("surface", [real_heights.hadley, other_product(1)])
+@pytest.mark.parametrize(
+    "shift", [{"east_m": 474.0}, {"north_m": 474.0}, {"east_m": -335.0, "north_m": 335.0}]
+)
+def test_a_strip_of_shared_ground_shows_a_shift(
+    shift: dict[str, float], surface: Surface, inputs: list[Catalog], tmp_path: Path
+) -> None:
+    """Four columns of 450 m; blocks of a broad area would hold too few places each."""
+    paths = written(tmp_path, strip(inputs, 4, surface, **shift))
+    with pytest.raises(
+        CatalogError, match=r"the same ground lies \d+ \+- \d+ m apart \(fitted to \d{3} places"
+    ):
+        merge_catalogs(paths, tmp_path / "m.h5")
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_what_a_small_overlap_does_not_show_is_said(
+    columns: int, inputs: list[Catalog], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also of ground that is shifted; not of catalogues from the same files."""
+    shifted = strip(inputs, columns, real_heights.hadley, east_m=474.0)
+    same = [replace(one, sources=shifted[0].sources) for one in shifted]
+    merge_catalogs(written(tmp_path, same, "p"), tmp_path / "same.h5")
+    assert caplog.text == ""
+    merge_catalogs(written(tmp_path, shifted), tmp_path / "m.h5")
+    (record,) = caplog.records
+    says = record.getMessage()
+    assert ".h5, but a shift of the ground of any size could not be seen: " in says
+    assert re.search(r"\d places of the overviews are too few, or too flat", says)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_honest_products_are_merged_whatever_they_share(
+    seed: int, inputs: list[Catalog], tmp_path: Path
+) -> None:
+    for columns in (2, 3, 4, 6):
+        pair = strip(inputs, columns, other_product(seed), east_m=75.0, north_m=-75.0, up_m=25.0)
+        parts = [MergedPart(one, [Area.from_bounds(2.1, 24.9, 4.9, 27.1)]) for one in pair]
+        assert agreement(*parts).fault == ""
 
 
 def test_heights_of_other_ground_are_not_compared(inputs: list[Catalog], tmp_path: Path) -> None:
