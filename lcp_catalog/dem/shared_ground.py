@@ -288,7 +288,7 @@ def blocks(x: Array, y: Array) -> Index:
 def _ranked(values: Array, parts: int) -> Index:
     rank = np.empty(len(values), np.int64)
     rank[np.argsort(values, kind="stable")] = np.arange(len(values))
-    return rank * parts // max(1, len(values))
+    return np.asarray(rank * parts // max(1, len(values)))
 
 
 def roughness_m(z: AnyArray) -> float:
