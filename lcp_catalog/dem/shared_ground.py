@@ -276,7 +276,7 @@ def blocks(x: Array, y: Array) -> Index:
     it. Of a block and those beside it one has an even number, the others odd ones.
     """
     wide, high = (max(float(np.ptp(values)), 1e-9) for values in (x, y))
-    across = 2 ** int(np.clip(round(2.0 + 0.5 * math.log2(wide / high)), 0, 4))
+    across = 1 << int(np.clip(round(2.0 + 0.5 * math.log2(wide / high)), 0, 4))
     column = _ranked(x, across)
     row = np.zeros_like(column)
     for number in range(across):
@@ -288,7 +288,7 @@ def blocks(x: Array, y: Array) -> Index:
 def _ranked(values: Array, parts: int) -> Index:
     rank = np.empty(len(values), np.int64)
     rank[np.argsort(values, kind="stable")] = np.arange(len(values))
-    return np.asarray(rank * parts // max(1, len(values)))
+    return rank * parts // max(1, len(values))
 
 
 def roughness_m(z: AnyArray) -> float:
