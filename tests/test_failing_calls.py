@@ -162,7 +162,7 @@ calls._warm(attempts, words, words.inputs(folder))
 trial = failing.Trial.of(attempts, words, words.inputs(folder))
 made = trial.calls(attempts, "")
 faults = [failing.Fault(kind, nth, "EIO", "once") for kind in ("open", "read", "write", "rename", "close")
-          for nth in range(1, made[kind] + 1, max(1, made[kind] // 5))]
+          for nth in range(1, made[kind] + 1, max(1, made[kind] // 3))]
 stations = len(attempts.stations(trial.line, attempts.place(trial.inputs), ""))
 forked = attempts.ends(trial.line, trial.inputs, faults, "")
 

@@ -225,10 +225,22 @@ def test_the_heart_beats_while_a_step_runs(
     assert "working" not in before  # the innermost speaks
 
 
+SLOW = """
+import time
+from lcp_catalog.rendering import public
+from lcp_cli.main import main
+prepare = public.prepare
+public.prepare = lambda request: time.sleep(1.5) or prepare(request)
+main()
+"""
+"""A render that takes 1.5 s longer."""
+
+
 def test_a_command_without_steps_says_that_it_works(tmp_path: Path) -> None:
-    """The whole sample under a low Sun, on a pipe and on a terminal, where the line is replaced and taken away."""
-    words = ["render", HADLEY, "--sun-azimuth", "90", "--sun-elevation", "2", "-o"]
-    command = [sys.executable, "-c", "from lcp_cli.main import main; main()", *map(str, words)]
+    """On a pipe and on a terminal, where the line is replaced and taken away."""
+    words = ["render", HADLEY, "--center", "3.5", "26", "--size", "9", "--gsd", "474"]
+    words += ["--sun-azimuth", "90", "--sun-elevation", "2", "-o"]
+    command = [sys.executable, "-c", SLOW, *map(str, words)]
     ended = subprocess.run([*command, tmp_path / "a.tif"], capture_output=True, check=True)
     assert re.match(rb"render: [a-z ]+, 1 s so far\n", ended.stderr)
     ours, theirs = pty.openpty()

@@ -110,13 +110,14 @@ REASONS = {
 }  # fmt: skip
 
 
-def test_it_judges_as_python_does(decoded, reference) -> None:
+@pytest.mark.parametrize("count", [250, pytest.param(600, marks=pytest.mark.slow)])
+def test_it_judges_as_python_does(count: int, decoded, reference) -> None:
     """Small and large templates beyond the image's edges and in gaps, low and high Suns, noise above the signal: the same
     reason, place, second peak and fit.
     """
     (site, numbers), rng = decoded, np.random.default_rng(8)
     pairs, seconds = [], 0
-    for _ in range(600):
+    for _ in range(count):
         row, law = (
             int(rng.integers(len(site))),
             ("lunar-lambert", "lommel-seeliger")[rng.integers(2)],
@@ -136,8 +137,8 @@ def test_it_judges_as_python_does(decoded, reference) -> None:
     apart = [pair for pair in pairs if pair[0] != pair[1] and pair[0] != "TOO_LARGE"]
     assert len(apart) <= 2, apart  # at a limit of a rule
     names = ("OK", "NO_FIT", "NOT_LIT", "PLAIN", "AT_THE_EDGE")
-    assert min(pairs.count((name, name)) for name in names) >= 8
-    assert seconds > 50
+    assert min(pairs.count((name, name)) for name in names) >= count // 75
+    assert seconds > count // 12
 
 
 def _odd_frame(site: Catalog, row: int, law: str, rng: np.random.Generator) -> Frame:

@@ -130,7 +130,7 @@ def test_ground_that_lies_elsewhere_is_refused(
             merge_catalogs(order, tmp_path / "m.h5")
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
 def test_honest_products_of_the_same_ground_are_merged(
     seed: int, inputs: list[Catalog], tmp_path: Path
 ) -> None:
@@ -160,7 +160,8 @@ def test_heights_of_lola_and_of_images_are_merged(inputs: list[Catalog], ldem_4:
     assert "apart" in agreement(images, part(lola_at, 7600.0, -15_200.0)).fault
 
 
-def test_flat_noise_has_no_place(inputs: list[Catalog]) -> None:
+@pytest.mark.parametrize("pairs", [6, pytest.param(40, marks=pytest.mark.slow)])
+def test_flat_noise_has_no_place(pairs: int, inputs: list[Catalog]) -> None:
     """What fits best by chance is no shift: of 40 pairs of plains that differ by noise none is refused."""
     region = [Area.from_bounds(2.1, 24.9, 4.9, 27.1)]
     dice = np.random.default_rng(7)
@@ -168,7 +169,7 @@ def test_flat_noise_has_no_place(inputs: list[Catalog]) -> None:
     def plain(_: np.ndarray, lat: np.ndarray) -> np.ndarray:
         return np.asarray(dice.normal(0.0, 15.0, lat.shape))
 
-    for width in (8, 60) * 20:
+    for width in (8, 60) * (pairs // 2):
         view = inputs[0].overview
         some = (slice(20, 20 + width),) * 2
         view = replace(view, x=view.x[some[1]], y=view.y[some[0]], height=view.height[some])
