@@ -31,6 +31,7 @@ from .areas import AreaGrid, AreaTask
 from .config import BuildConfig
 from .evaluation import STEP, Evaluation, PlaceErrors, evaluate
 from .first_look import first_look
+from .kept_ground import AreaGround, packed, unpacked
 from .recipe import Recipe
 from .sweep import Conditions, Sweep, lowest_off_nadir_deg, plan_area
 
@@ -55,6 +56,10 @@ class AreaJob:
     """Of a build of two passes: `FIRST`, then a letter for each round of the second (`two_passes`)."""
     sites: AnyArray | None = field(default=None, compare=False)
     """(n,) of type `SITE`: the candidates that are evaluated, found before; None: they are looked for."""
+    keeps: bool = field(default=False, compare=False)
+    """True: its ground is returned for the steps after it (`kept_ground`)."""
+    ground: bytes | None = field(default=None, compare=False)
+    """The ground that a step before returned; None: it is made."""
 
     @property
     def name(self) -> str:
@@ -108,6 +113,8 @@ class AreaResult:
 
     candidates: Candidates
     plan: ScenePlan
+    ground: bytes | None = None
+    """The terrain and the shadows, for a job that keeps them."""
 
 
 def run_area(job: AreaJob) -> AreaResult:
@@ -119,17 +126,16 @@ def run_area(job: AreaJob) -> AreaResult:
         rows, cols = _find(sweep, core, job.recipe.config)
     else:
         rows, cols = (job.sites[name].astype(np.int64) for name in ("row", "column"))
-    return AreaResult(_evaluated(job, core, sweep, rows, cols), sweep.plan)
+    found = _evaluated(job, core, sweep, rows, cols)
+    return AreaResult(found, sweep.plan, packed(sweep) if job.keeps else None)
 
 
 def area_sweep(job: AreaJob) -> Sweep:
     """The images of the area: its terrain with its halo as the core, its conditions and its plan."""
     recipe = job.recipe
-    terrain, beyond = _terrain(job)
-    brightness = recipe.albedo.known_nodes(terrain) if recipe.albedo else None
-    albedo = _albedo_decision(recipe.albedo, terrain, brightness)
-    plan = plan_area(terrain, job.conditions, recipe.config, recipe.law, beyond, albedo)
-    return Sweep(
+    known = _ground(job) if job.ground is None else unpacked(job.ground)
+    terrain, plan, brightness, shadows = known
+    sweep = Sweep(
         terrain,
         job.conditions,
         plan,
@@ -138,6 +144,18 @@ def area_sweep(job: AreaJob) -> Sweep:
         brightness=brightness,
         albedo=recipe.albedo,
     )
+    sweep.shadows.update(shadows)
+    return sweep
+
+
+def _ground(job: AreaJob) -> AreaGround:
+    """The terrain of an area, its plan, the brightness of its nodes with an albedo map, and no shadows yet."""
+    recipe = job.recipe
+    terrain, beyond = _terrain(job)
+    brightness = recipe.albedo.known_nodes(terrain) if recipe.albedo else None
+    albedo = _albedo_decision(recipe.albedo, terrain, brightness)
+    plan = plan_area(terrain, job.conditions, recipe.config, recipe.law, beyond, albedo)
+    return terrain, plan, brightness, {}
 
 
 def _albedo_decision(

@@ -490,14 +490,16 @@ def _chances(
         images, patches.alone, items.rows, items.cols, search, items.which,
         least_rival(match, match.own, _CLEARANCE, nodes), exact=exact, most=points.rivals or RIVALS,
     )  # fmt: skip
-    unit = patches.level[:, None]
+    unit, third_from = patches.level[:, None], min(false_match, 1.0)
+    if shift and third_from < 1.0:  # without one no process needs SciPy: 31 MB and its import
+        third_from = float(shifted(np.array(third_from), -shift))
     detection, located, unique = detection_probability(
         match,
         others.correlation,
         others.contrast / unit,
         match.own,
         _given(points.least_correlation, LEAST_CORRELATION),
-        third_from=float(shifted(np.array(false_match), -shift)) if false_match < 1.0 else 1.0,
+        third_from=third_from,
         clear_by=_CLEARANCE,
         spread_nodes=nodes,
     )

@@ -70,6 +70,8 @@ class FinishedArea:
     records: AnyArray
     plan: ScenePlan
     stages: Bytes | None = None
+    ground: bytes | None = None
+    """For the steps after a first look (`kept_ground`); no checkpoint has it."""
 
 
 def record_type(config: BuildConfig) -> np.dtype[np.void]:
@@ -104,7 +106,7 @@ def finished_area(
             records[name] = values[some]
     table["checksum"][some] = checksums(records)
     stages = cell_stages(candidates, config) if config.points.promised else None
-    return FinishedArea(table, records, result.plan, stages)
+    return FinishedArea(table, records, result.plan, stages, result.ground)
 
 
 def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:

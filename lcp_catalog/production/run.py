@@ -43,13 +43,14 @@ from .config import BuildConfig
 from .cures import TRY_S, Yield, warn_of_few
 from .executor import run_tasks
 from .finished_area import FinishedArea, finished_area
+from .kept_ground import KEPT_MB, KeptGrounds
 from .merging import merge_catalogs
 from .promise import PromiseChoice
 from .recipe import InputFiles, Recipe, cells
 from .sweep import Conditions
 from .two_passes import ROUNDS, computed_in_passes, known_rounds, with_sites
 from .warm_up import compile_kernels, missing
-from .worker_memory import caches_mb, divided
+from .worker_memory import caches_mb, divided, worker_mb
 
 log = logging.getLogger(__name__)
 
@@ -66,6 +67,8 @@ class Level:
     recipe: Recipe
     cell: Cell
     jobs: tuple[AreaJob, ...]
+    kept_mb: float = KEPT_MB
+    """Memory for what two passes keep of areas (`kept_ground`)."""
 
     @classmethod
     def plan(cls, recipe: Recipe, cell: Cell, memory_gb: float | None, number: int | None) -> Level:
@@ -86,9 +89,11 @@ class Level:
             raise AreaError(
                 f"no DEM that resolves cells of {cell.gsd_m:g} m reaches into the region"
             )
-        kept_mb = caches_mb(memory_gb)
-        jobs = (AreaJob(recipe, replace(task, level=number), grid, kept_mb) for task in tasks)
-        return cls(recipe, cell, tuple(jobs))
+        cached_mb, kept_mb = caches_mb(memory_gb), KEPT_MB
+        if memory_gb is not None:
+            kept_mb = min(kept_mb, 1e3 * memory_gb - worker_mb(tasks, config, memory_gb))
+        jobs = (AreaJob(recipe, replace(task, level=number), grid, cached_mb) for task in tasks)
+        return cls(recipe, cell, tuple(jobs), kept_mb)
 
 
 @dataclass(frozen=True)
@@ -476,23 +481,32 @@ class BuildRun:
             if not jobs_here:
                 continue
 
-            def compute(jobs: Sequence[AreaJob], both: range = both) -> dict[str, str]:
+            grounds = KeptGrounds(level.kept_mb)
+
+            def compute(
+                jobs: Sequence[AreaJob], both: range = both, grounds: KeptGrounds = grounds
+            ) -> dict[str, str]:
                 steps = {FIRST: both.start, ROUNDS[0]: both.stop - len(jobs)}
                 before = steps.get(jobs[0].step, both.stop)
                 return self._compute(
-                    jobs, lambda k, _: self.progress(min(before + k, both.stop), total)
+                    jobs, lambda k, _: self.progress(min(before + k, both.stop), total), grounds
                 )
 
-            failed |= computed_in_passes(level.recipe, jobs_here, self.checkpoints, compute)
+            failed |= computed_in_passes(
+                level.recipe, jobs_here, self.checkpoints, compute, grounds
+            )
             done = both.stop
         self.progress(total, total)
         return failed
 
     def _compute(
-        self, areas: Sequence[AreaJob], progress: Progress | None = None
+        self,
+        areas: Sequence[AreaJob],
+        progress: Progress | None = None,
+        grounds: KeptGrounds | None = None,
     ) -> dict[str, str]:
-        """Compute those of the areas that have no checkpoint. Return the causes of those that failed, by
-        name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
+        """Compute those of the areas that have no checkpoint, and keep their ``grounds``. Return the causes of those that
+        failed, by name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
         kept.
         """
         progress = progress or self.progress
@@ -517,6 +531,8 @@ class BuildRun:
                 failed[task.name] = cause
             else:
                 self.checkpoints.write(todo[index].name, outcome)
+                if grounds and outcome.ground:
+                    grounds.keep(task.name, outcome.ground)
             done += 1
             progress(done, len(areas))
             self._read_inputs(time.monotonic() - start)

@@ -323,8 +323,8 @@ class Sweep:
             brightness=None if self.brightness is None else self.brightness[part],
         )
         if turn_rad == self.turn_rad:  # these shadows are known
-            masks = ((azimuth, mask[:, *part]) for azimuth, mask in self._masks.items())
-            sweep._masks.update((azimuth, np.ascontiguousarray(mask)) for azimuth, mask in masks)
+            masks = ((azimuth, mask[:, *part]) for azimuth, mask in self.shadows.items())
+            sweep.shadows.update((azimuth, np.ascontiguousarray(mask)) for azimuth, mask in masks)
         return sweep, row0, col0
 
     def some(self, view: int, suns: Mask) -> Sweep:
@@ -335,8 +335,8 @@ class Sweep:
             for name in ("off_nadir_deg", "view_azimuth_deg", "view_altitude_km")
         }
         sweep = replace(self, conditions=replace(own, **views, reachable=suns))
-        for azimuth, mask in self._masks.items():
-            sweep._masks[azimuth] = mask[suns[own.reachable[:, azimuth], azimuth]]
+        for azimuth, mask in self.shadows.items():
+            sweep.shadows[azimuth] = mask[suns[own.reachable[:, azimuth], azimuth]]
         return sweep
 
     def over(self, row: int, col: int, margin: int) -> tuple[Sweep, int, int]:
@@ -346,7 +346,7 @@ class Sweep:
         top, left = self.window[0] + row, self.window[2] + col
         point = nodes_enu(self.field, (top, top + 1, left, left + 1))[0, 0]
         own = replace(sweep, point_m=point)
-        own._masks.update(sweep._masks)
+        own.shadows.update(sweep.shadows)
         return own, row0, col0
 
     @cached_property
@@ -425,16 +425,17 @@ class Sweep:
         """1 where terrain keeps the Sun from a node, uint8 (elevations, rows, cols), for the azimuth's
         elevations in `suns`. Computed once and kept.
         """
-        if azimuth not in self._masks:
+        if azimuth not in self.shadows:
             elevations = np.flatnonzero(self.conditions.reachable[:, azimuth])
-            self._masks[azimuth] = self._shadows(azimuth, elevations)
-        return self._masks[azimuth]
+            self.shadows[azimuth] = self._cast(azimuth, elevations)
+        return self.shadows[azimuth]
 
     @cached_property
-    def _masks(self) -> dict[int, NDArray[np.uint8]]:
+    def shadows(self) -> dict[int, NDArray[np.uint8]]:
+        """What `dark` has computed, by azimuth."""
         return {}
 
-    def _shadows(self, azimuth: int, elevations: NDArray[np.intp]) -> NDArray[np.uint8]:
+    def _cast(self, azimuth: int, elevations: NDArray[np.intp]) -> NDArray[np.uint8]:
         if not self.plan.cast_shadows.modelled:
             return np.zeros((len(elevations), *self.normals.shape[:2]), dtype=np.uint8)
         azimuth_rad = np.radians(self.conditions.sun_azimuth_deg[azimuth]) + self.turn_rad

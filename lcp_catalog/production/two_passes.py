@@ -24,6 +24,7 @@ from .assembly import choose
 from .checkpoints import Checkpoints, StoredArea, lost_area
 from .config import BuildConfig
 from .finished_area import UNIT, FinishedArea, finished_area, record_type
+from .kept_ground import KEPT_AREAS, KeptGrounds
 from .promise import PromiseChoice
 from .recipe import Recipe
 
@@ -39,13 +40,15 @@ def computed_in_passes(
     jobs: Sequence[AreaJob],
     checkpoints: Checkpoints,
     compute: Callable[[Sequence[AreaJob]], dict[str, str]],
+    grounds: KeptGrounds,
 ) -> dict[str, str]:
     """Compute the areas of a recipe in two passes. Return the causes of those that failed, by name. ``compute``: makes
-    the checkpoints of jobs that have none, and returns the same.
+    the checkpoints of jobs that have none, and returns the same. ``grounds``: what it keeps of jobs that ask for it.
 
     AreaFailedError for an area that is lost or damaged meanwhile.
     """
-    failed = compute([replace(job, step=FIRST) for job in jobs])
+    keeps = len(jobs) <= KEPT_AREAS
+    failed = compute([replace(job, step=FIRST, keeps=keeps) for job in jobs])
     second = _SecondPass(recipe, checkpoints, [job for job in jobs if job.task.name not in failed])
     if not second.jobs:
         return failed
@@ -54,7 +57,8 @@ def computed_in_passes(
         if not wanted:
             break
         second.forget_others(wanted, step)
-        lost = compute(second.jobs_of(wanted, step))
+        known = second.jobs_of(wanted, step)
+        lost = compute([replace(job, ground=grounds.of(job.task.name)) for job in known])
         second.note(wanted, step, lost)
         failed |= lost
     second.finish(settled=not wanted)
@@ -104,14 +108,15 @@ def _stored(checkpoints: Checkpoints, name: str) -> StoredArea:
 def area_in_passes(job: AreaJob) -> AreaResult:
     """An area alone in two passes, without replacements: the result of its chosen candidates."""
     config = job.recipe.config
-    result = run_area(replace(job, step=FIRST))
+    result = run_area(replace(job, step=FIRST, keeps=True))
     look = finished_area(result, config, first_look=True)
     choice = PromiseChoice.of(job.recipe.region, config)
     if choice and look.stages is not None:
         choice.see(look.table, look.stages)
     rows = choice.rows(look.table, None) if choice else choose(look.table, config)
     assert result.candidates.sites is not None
-    return run_area(replace(job, step=ROUNDS[0], sites=result.candidates.sites[np.sort(rows)]))
+    sites = result.candidates.sites[np.sort(rows)]
+    return run_area(replace(job, step=ROUNDS[0], sites=sites, ground=result.ground))
 
 
 @dataclass

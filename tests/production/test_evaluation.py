@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from statistics import NormalDist
 
 import numpy as np
@@ -388,3 +389,15 @@ def test_a_doubtful_point_may_be_judged_under_its_own_sun() -> None:
         np.testing.assert_array_equal(*high)
     assert again > 20
     assert differs > 10
+
+
+def test_an_evaluation_without_a_shift_needs_no_scipy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its import takes 0.1 s and 31 MB in each worker."""
+    monkeypatch.setitem(sys.modules, "scipy.special", None)
+    rng = np.random.default_rng(3)
+    heights = np.cumsum(rng.normal(0.0, 1.0, (80, 80)), axis=0)
+    assert (judged(heights).detection > 0.0).any()
+    moved = dataclasses.replace(ERRORS, detection_shift=0.3)
+    rows = cols = np.array([36])
+    with pytest.raises(ImportError):
+        evaluate(swept(heights), rows, cols, CONFIG, moved)

@@ -18,14 +18,18 @@ from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Places, select
-from lcp_catalog.production import run, two_passes
+from lcp_catalog.production import area_job, run, two_passes
 from lcp_catalog.production.area_job import FIRST, AreaJob, AreaResult, run_area
 from lcp_catalog.production.assembly import spacing_m
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import Evaluation
 from lcp_catalog.production.first_look import nearest_suns, straight_down, suns_looked_at
+from lcp_catalog.production.kept_ground import KEPT_MB
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildPart, BuildRun
+from lcp_catalog.production.worker_memory import worker_mb
+from lcp_catalog.rendering.decisions import Decision
+from lcp_catalog.terrain.terrain import Terrain
 
 TWO = replace(CONFIG, points=replace(CONFIG.points, passes=2))
 PROMISED = replace(
@@ -196,6 +200,42 @@ def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
     BuildRun(plan, resumed, resume=True).whole()
     assert [path.read_bytes() == _whole(config) for path in (two, resumed)] == [True, True]
     assert not resumed.with_name("resumed.h5.parts").exists()
+
+
+@pytest.mark.parametrize(
+    ("config", "little_mb"), [(TWO, 2.0), (PROMISED, 0.7)], ids=["spacing", "promise"]
+)
+def test_ground_is_made_once_where_there_is_room_and_changes_no_byte(
+    config: BuildConfig, little_mb: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    terrain = area_job._terrain
+
+    def counted(job: AreaJob) -> tuple[Terrain, Decision]:
+        made.append(job.step)
+        return terrain(job)
+
+    monkeypatch.setattr(area_job, "_terrain", counted)
+    plan = Build.plan((DEM,), config)
+    areas = len(plan.jobs)
+    found, again = [], []
+    for room_mb in (KEPT_MB, little_mb, 0.0):
+        made.clear()
+        output = tmp_path / f"{room_mb}.h5"
+        levels = (replace(plan.levels[0], kept_mb=room_mb),)
+        BuildRun(replace(plan, levels=levels), output).whole()
+        found.append(output.read_bytes())
+        assert made.count(FIRST) == areas
+        again.append(len(made) - areas)
+    assert again[0] == 0 < again[1] < again[2]
+    assert found[1:] == found[:1] * 2
+
+
+def test_kept_ground_leaves_an_area_its_memory() -> None:
+    plan = Build.plan((DEM,), TWO, memory_gb=0.5)
+    (level,) = plan.levels
+    tasks, config = [job.task for job in level.jobs], level.recipe.config
+    assert level.kept_mb + worker_mb(tasks, config, 0.5) <= 500.0 + 1e-9
 
 
 def test_a_promise_of_two_passes_is_kept_by_its_points(tmp_path: Path) -> None:
