@@ -45,7 +45,7 @@ ASKED = {
 COMPUTES = "landmarks", "light", "terrain", "photometry", "rendering", "production", "kernels"
 """Packages whose constants decide what a catalogue or a render holds, but for the modules that only run them."""
 
-RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views"
+RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views", "kept_ground"
 
 FUNCTIONS = {"kernels.resampling.heights.sample"}
 """Approximations that no constant marks; numbers within functions: `test_literals`."""

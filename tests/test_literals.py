@@ -60,6 +60,8 @@ LISTED: dict[str, str] = {
         rendering.public 0.001
         rendering.request 500
         production.area_job 1e6 1e6
+        production.kept_ground 1e6
+        production.run 1000
         production.promise 400
     """,
     "a guard against rounding, overflow and division by zero": """
