@@ -75,7 +75,7 @@ flight: $(READY) ## the C reference of the flight file: its vector, sanitizers, 
 	$(BIN)/python -m pytest tests/flight
 	$(BIN)/python -m benchmarks.flight
 
-judges: $(READY) ## SPICE with JPL's ephemeris, checkers of CF, GeoParquet and COG judge what is computed and written
+judges: $(READY) ## SPICE with JPL's ephemeris, Mitsuba, checkers of CF, GeoParquet and COG judge what is computed and written
 	$(INSTALL) --group judges
 	LCP_JUDGES=1 $(BIN)/python -m pytest tests/judges
 

@@ -252,6 +252,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "two passes",
         "points that a first look misjudges are missed: 0.98 of the usable conditions of one pass, claims the same (measured on the sample)",
         ("points.passes",), _choices("points.passes", 1, 2, usual=1), expected=0.0,
+        fineness=lambda c: -(c.points.passes or 1),
         sample="2: 0.69, 0, 3/3",
     ),
     Approximation(
@@ -295,7 +296,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "light by way of other ground",
-        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet), stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time (measured, ede1714, 7bb57269, 2026-11-27)",
+        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet), stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time, around 84 N 110 times (measured, ede1714, 7bb57269, 2b1335ac, 2026-11-27)",
         ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
         effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=30.0, expected=0.01,
         fineness=lambda c: c.model.bounce == "on",

@@ -96,7 +96,8 @@ BUDGETS = {
     # 44 what candidates are worth at places in 0.4 of the time
     # 178 DEMs too small, or with lines of one height; shifts that a narrow overlap shows, or cannot show
     # 67 the ground of areas from one pass to the next
-    "code lines, lcp_catalog": 47784,
+    # 54 what of an area is in the sample of a trade, intervals of a budget
+    "code lines, lcp_catalog": 47838,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -119,7 +120,8 @@ BUDGETS = {
     # 2 kernels that shall not be compiled
     # 18 -v after a command, the line of a plan
     # 52 signals that a library loses, and processes that do not end
-    "code lines, cli": 4377,
+    # 2 one line
+    "code lines, cli": 4379,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -163,7 +165,8 @@ BUDGETS = {
     # 12 the ground as a whole in a query
     # 150 why a turned Sun, an elevation and a promise are missed above 45 deg
     # 59 kept ground, and what is measured of a build's time
-    "words of docs": 58109,
+    # 164 a budget on three regions
+    "words of docs": 58273,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

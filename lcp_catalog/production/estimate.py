@@ -42,6 +42,10 @@ now, which was 1.2 to 1.8 s on the sample."""
 FINISH_S = 0.3
 """Time of the choice of the points and of the file, on the sample."""
 
+BESIDE_S = 2.3
+"""Processor time of a build besides its areas: imports, plan, kernels that are read, processes, and `FINISH_S` (builds of 10 and
+20 km of the sample, one and two jobs: 2.3 to 2.9 s in all, 2b1335ac, 2026-11-27)."""
+
 FIRST_S = 0.5
 """Greatest time that the first area of a process takes longer than others, for compiled kernels that are
 read (0.2 to 0.3 s). It is measured; kernels that are not compiled yet are not counted: the plan leaves them

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from ..approximations import APPROXIMATIONS
 from ..plots.numbers import number
 from .charts import Row, changed_share, number_or_dash, share_text, times
 from .knobs import NEAR_CELLS
@@ -21,7 +22,9 @@ KNOBS_EXPLAINED = (
     "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference. Candidates within "
     f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
     "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
-    "median over windows, lowest Suns."
+    "median over windows, lowest Suns. Not taken for a budget, since their catalogue answers other questions: "
+    + ", ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
+    + "; nor what keeps less than half of the places and of the points."
 )
 
 
@@ -61,7 +64,7 @@ def knobs_said(trade: Trade) -> str:
         left = len(trade.not_measured)
         said += f" The budget of {number(trade.budget_s, 3)} s is not reached by what was measured ({left} were not)."
     if not best["value"]:
-        return f"{said} To take ({BEST}): your configuration as it is, {number(best['build_seconds'], 3)} s for the whole build."
+        return f"{said} To take ({BEST}): your configuration as it is, {_build_time(best)}."
     lost, gained = best["points_lost"], best["points_gained"]
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
     if best["areas"]:
@@ -69,8 +72,26 @@ def knobs_said(trade: Trade) -> str:
     else:
         measured = "not measured together, for want of time (a greater time limit), but by product and sum of the rows"
     return (
-        f"{said} To take ({BEST}): {best['value']}; {measured}: {number(best['build_seconds'], 3)} s for the whole build "
-        f"({times(best['seconds_relative'])} of the time of your configuration), {changed_share(best)} of the conditions changed{places}."
+        f"{said} To take ({BEST}): {best['value']}; {measured}: {_build_time(best)} "
+        f"({times(best['seconds_relative'])} of the time of your configuration's areas), {changed_share(best)} of the conditions changed{places}."
+        + _elsewhere(best)
+    )
+
+
+def _build_time(row: Row) -> str:
+    around = row["build_interval"]
+    between = f" ({number(around[0], 3)} to {number(around[1], 3)})" if around else ""
+    return f"{number(row['build_seconds'], 3)} s{between} for the whole build with its start"
+
+
+def _elsewhere(row: Row) -> str:
+    """What holds beyond the areas that were measured."""
+    around = row["elsewhere"]
+    if around is None:
+        return ""
+    return (
+        f" On as many other areas of such ground with these Suns {share_text(around[0])} to {share_text(around[1])} change (90 %); other "
+        "ground may change two or three times as much. The time there is this share of what a plan of your configuration states."
     )
 
 

@@ -35,10 +35,10 @@ from ..landmarks.selection import Places, nearest
 from ..memory import peak_mb, restart_peak
 from ..plots.numbers import number
 from ..production.area_job import AreaJob, Candidates, area_sweep, run_area
-from ..production.areas import AreaGrid, sample_places
+from ..production.areas import AreaGrid
 from ..production.assembly import choose
 from ..production.config import BuildConfig
-from ..production.estimate import FINISH_S, file_bytes
+from ..production.estimate import BESIDE_S, file_bytes
 from ..production.executor import children_start, processes
 from ..production.finished_area import table_of
 from ..production.recipe import InputFiles, Recipe
@@ -52,6 +52,9 @@ NEAR_CELLS = 2.0
 """Cells within which two candidates are the same place: those of a point's own peak."""
 
 _LOWEST_SUNS = 2
+
+_PLACES = 24
+"""Places along a side of an area's box that tell how much of it is in the sample."""
 
 Row = dict[str, Any]
 
@@ -153,6 +156,7 @@ class Sample:
         self.build, self.jobs, self.level = build, jobs, build.levels[0]
         self.config, self.grid = config, jobs[0].grid
         self.boxes = {(job.task.row, job.task.column): k for k, job in enumerate(jobs)}
+        self.nodes = {(job.task.row, job.task.column): job.nodes for job in self.level.jobs}
         self.share = _work(jobs) / _work(self.level.jobs)
 
     def level_of(self, values: Mapping[str, Any]) -> Level:
@@ -175,17 +179,31 @@ class Sample:
             return [(job, 1.0, own[job.task]) for job in level.jobs if job.task in own]
         found: list[tuple[AreaJob, float, AreaJob | None]] = []
         for job in level.jobs:
-            lon, lat = sample_places(job.grid, job.task.row, job.task.column)
-            share = float(np.mean(self.owner(lon, lat) >= 0))
+            share = self._share(job)
             if share > 0.0:
                 found.append((job, share, None))
         return found
 
+    def _share(self, job: AreaJob) -> float:
+        """Share of an area of another grid that is in the sample, of what of it is in the build at all: both have areas that
+        the region's border cuts, so that places count by the nodes of the area that holds them.
+        """
+        west, south, east, north = job.grid.box(job.task.row, job.task.column)
+        middles = (np.arange(_PLACES) + 0.5) / _PLACES
+        lon, lat = np.meshgrid(west + (east - west) * middles, south + (north - south) * middles)
+        pairs = self._boxes_at(lon.ravel(), lat.ravel())
+        nodes = np.array([self.nodes.get(pair, 0) for pair in pairs])
+        inside = np.array([pair in self.boxes for pair in pairs])
+        return float(nodes[inside].sum() / max(1, nodes.sum()))
+
     def owner(self, lon_deg: Array, lat_deg: Array) -> Index:
         """Number of the sample's area that holds each place; -1 for none."""
+        boxes = [self.boxes.get(pair, -1) for pair in self._boxes_at(lon_deg, lat_deg)]
+        return np.array(boxes, dtype=np.int64)
+
+    def _boxes_at(self, lon_deg: Array, lat_deg: Array) -> list[tuple[int, int]]:
         row, column = self.grid.owner(lon_deg, lat_deg)
-        pairs = zip(row.tolist(), column.tolist(), strict=True)
-        return np.array([self.boxes.get(pair, -1) for pair in pairs], dtype=np.int64)
+        return list(zip(row.tolist(), column.tolist(), strict=True))
 
 
 def _work(jobs: Sequence[AreaJob]) -> float:
@@ -205,12 +223,28 @@ class Outcome:
     peak_mb: float
     images: ImageChanges | None
     shift_px: float | None
+    parts: Array
+    """Processor time and work (nodes with their halo times conditions) of each area of its own (n, 2)."""
+
+    def areas_s(self) -> tuple[float, list[float] | None]:
+        """Processor time of all areas of the level, by that of its work, and its 90 % interval: areas of another grid differ
+        in what the region's border leaves of them.
+        """
+        whole = _work(self.level.jobs)
+        around = _interval(self.parts, math.inf)
+        spent, work = self.parts.sum(axis=0)
+        return float(spent / work * whole), around and [one * whole for one in around]
 
     @classmethod
     def of(
-        cls, sample: Sample, level: Level, shares: Sequence[float], runs: Sequence[_Run]
+        cls,
+        sample: Sample,
+        level: Level,
+        parts: Sequence[tuple[AreaJob, float, AreaJob | None]],
+        runs: Sequence[_Run],
     ) -> Outcome:
-        """The runs of the areas of a level, each with its share of the sample."""
+        """The runs of the areas of a level that reach into the sample (`Sample.parts`)."""
+        shares = [share for _, share, _ in parts]
         every: Candidates = joined([run.candidates for run in runs])
         area = sample.owner(every.lon_deg, every.lat_deg)
         kept = np.flatnonzero(area >= 0)
@@ -224,6 +258,7 @@ class Outcome:
             sum(share * run.cpu_s for share, run in zip(shares, runs, strict=True)),
             max(run.peak_mb for run in runs),
             total if images else None, float(np.median(shifts)) if len(shifts) else None,
+            np.array([(p[1] * r.cpu_s, p[1] * _work([p[0]])) for p, r in zip(parts, runs, strict=True)]),
         )  # fmt: skip
 
 
@@ -363,15 +398,17 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     ]
     lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
     points = len(chosen[1].lon_deg) / sample.share
+    areas_s, around_s = found.areas_s()
     return {
         "knob": setting.knob,
         "value": setting.value,
         "default": setting.knob == "",
         "accuracy": own.model.precision.tier,
         "seconds": found.cpu_s,
-        "seconds_relative": found.cpu_s / usual.cpu_s,
+        "seconds_relative": areas_s / usual.areas_s()[0],
         "seconds_interval": None,
-        "build_seconds": found.cpu_s / sample.share + FINISH_S,
+        "build_seconds": areas_s + BESIDE_S,
+        "build_interval": around_s and [one + BESIDE_S for one in around_s],
         "memory_mb": found.peak_mb,
         "bytes": file_bytes(found.level, points),
         # with light by way of other ground a node in shadow is not black
@@ -385,6 +422,7 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "matched_share": len(here) / max(1, len(before)),
         "conditions_changed_share": share,
         "interval": _interval(by_area),
+        "elsewhere": _interval(by_area, wider=math.sqrt(2.0)),
         "detection_change_mean": float(shift.mean()) if len(shift) else None,
         "detection_change_max": float(shift.max()) if len(shift) else None,
         "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,
@@ -393,9 +431,10 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     }
 
 
-def _interval(by_area: Array) -> list[float] | None:
-    """The 90 % interval of the share of all changed among all judged conditions, of those of each area (n, 2): Cochran (1977),
-    *Sampling Techniques*, 6.3, for a ratio; None for one area.
+def _interval(by_area: Array, most: float = 1.0, wider: float = 1.0) -> list[float] | None:
+    """The 90 % interval, from 0 to ``most``, of the share of all changed among all judged conditions, of those of each area
+    (n, 2): Cochran (1977), *Sampling Techniques*, 6.3, for a ratio; None for one area. With ``wider`` sqrt(2) that of the share
+    on as many other areas of such ground.
     """
     count = len(by_area)
     if count < 2:
@@ -403,8 +442,8 @@ def _interval(by_area: Array) -> list[float] | None:
     changed, judged = by_area.T
     share = float(changed.sum() / judged.sum())
     spread = float(np.std(changed - share * judged, ddof=1) / judged.mean())
-    half = float(stdtrit(count - 1, 0.95)) * spread / math.sqrt(count)
-    return [max(0.0, share - half), min(1.0, share + half)]
+    half = wider * float(stdtrit(count - 1, 0.95)) * spread / math.sqrt(count)
+    return [max(0.0, share - half), min(most, share + half)]
 
 
 # -- the measurement
@@ -459,7 +498,9 @@ class Measurement:
         with ExitStack() as stack:
             pool = stack.enter_context(processes(self.workers)) if self.workers else None
             waiting: dict[Future[Any], tuple[int, int]] = {}
-            open_: dict[int, tuple[Level, list[float], list[Any]]] = {}
+            open_: dict[
+                int, tuple[Level, list[tuple[AreaJob, float, AreaJob | None]], list[Any]]
+            ] = {}
             left = list(enumerate(wanted))
             queue: list[tuple[int, int, AreaJob, AreaJob | None]] = []
             while left or queue or waiting:
@@ -475,7 +516,7 @@ class Measurement:
                     except LcpError as error:  # a cell below the DEM's, a spacing of too few cells
                         yield setting, str(error)
                         continue
-                    open_[number] = (level, [share for _, share, _ in parts], [None] * len(parts))
+                    open_[number] = (level, parts, [None] * len(parts))
                     queue += [
                         (number, k, job, same if setting.images else None)
                         for k, (job, _, same) in enumerate(parts)
@@ -496,8 +537,8 @@ class Measurement:
                 for number in [
                     n for n, (_, _, runs) in open_.items() if all(r is not None for r in runs)
                 ]:
-                    level, shares, runs = open_.pop(number)
-                    yield wanted[number], Outcome.of(self.sample, level, shares, runs)
+                    level, parts, runs = open_.pop(number)
+                    yield wanted[number], Outcome.of(self.sample, level, parts, runs)
 
     def rows(
         self, usual: Outcome, wanted: Sequence[Setting], whole: Written | None

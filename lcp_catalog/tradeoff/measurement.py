@@ -294,7 +294,8 @@ def measure_all(
     left_s = until - time.monotonic()
     # of the least confirmation: both configurations on as many areas, as these two runs were
     least_s = 1.5 * (time.monotonic() - begun)
-    most_s = 2.0 * CONFIRMED * setting_s / len(chosen) + _START_S
+    # on CONFIRMED areas and then on twice as many, of both configurations
+    most_s = 6.0 * CONFIRMED * setting_s / len(chosen) + 2.0 * _START_S
     kept_s = min(max(least_s, most_s), left_s / 3.0) if asked else 0.0
     measured = Measurement(sample, workers, until - kept_s, setting_s)
     wanted = settings(config)
@@ -367,7 +368,7 @@ def _best(
     return best, best_row
 
 
-CONFIRMED, CLOSE = 32, 0.3
+CONFIRMED, CLOSE = 32, 0.15
 """Least number of areas, where the build has them, on which the configuration for a budget is measured; and the half width of the
 interval of its error, as a share of it, above which twice as many are taken."""
 

@@ -8,27 +8,35 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import ConfigError
-from ..production.estimate import FINISH_S
+from ..production.estimate import BESIDE_S
 from .knobs import Row, Setting
 
 SAVING = 0.03
 """Least share of the time that an alternative must save to be taken: less is noise."""
 
 _LEAST_MATCHED = 0.5
-"""Least share of the places that both have for an alternative to be taken."""
+"""Least share of the places, or of the points, that both have for an alternative to be taken: two passes evaluate few of
+the places, but nearly all that become points."""
+
+
+def _kept_points(row: Row) -> float:
+    """Share of the configuration's points that an alternative has too."""
+    own = row["points"] - row["points_gained"] + row["points_lost"]
+    return 1.0 - row["points_lost"] / own if own else 0.0
 
 
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
-    """Set the times of rows as shares of the configuration's: its processor time is the median of runs between those of the
-    others, each of as many areas; their range gives the interval.
+    """Set the times of rows as shares of the configuration's, the first of them, for all areas of a build: its processor time is
+    the median of runs between those of the others, each of as many areas; their range gives the interval.
     """
-    usual_s, least_s, most_s = (f(baseline_s) for f in (statistics.median, min, max))
+    usual, usual_s = rows[0], statistics.median(baseline_s)
+    areas_s = (usual["build_seconds"] - BESIDE_S) * usual_s / usual["seconds"]
+    usual |= {"seconds": usual_s, "build_seconds": areas_s + BESIDE_S}
     for row in rows:
-        if row["default"]:
-            build_s = (row["build_seconds"] - FINISH_S) * usual_s / row["seconds"] + FINISH_S
-            row |= {"seconds": usual_s, "build_seconds": build_s}
-        row["seconds_relative"] = row["seconds"] / usual_s
-        row["seconds_interval"] = [row["seconds"] / most_s, row["seconds"] / least_s]
+        row["seconds_relative"] = (row["build_seconds"] - BESIDE_S) / areas_s
+        row["seconds_interval"] = [
+            row["seconds_relative"] * usual_s / one for one in (max(baseline_s), min(baseline_s))
+        ]
 
 
 def proposal(
@@ -45,9 +53,10 @@ def proposal(
         for setting, row in rows
         if setting.turned
         and row["conditions_changed_share"] is not None
-        and row["matched_share"] >= _LEAST_MATCHED
+        and max(row["matched_share"], _kept_points(row)) >= _LEAST_MATCHED
     ]
-    factor = budget_s / usual["build_seconds"] if budget_s else 0.0
+    areas_s = usual["build_seconds"] - BESIDE_S
+    factor = max(0.0, budget_s - BESIDE_S) / areas_s if budget_s else 0.0
     if factor >= 1.0:
         return _finer_ones(some, factor, noise)
     taken: dict[str, Setting] = {}
@@ -86,14 +95,15 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
     time_ = math.prod(row["seconds_relative"] for row in rows)
     wrong = sum(row["conditions_changed_share"] for row in rows)
     told = {"knob": "together", "value": "; ".join(f"{r['knob']}: {r['value']}" for r in rows)}
-    build_s = (usual["build_seconds"] - FINISH_S) * time_ + FINISH_S
+    build_s = (usual["build_seconds"] - BESIDE_S) * time_ + BESIDE_S
     times_ = {
         "seconds": usual["seconds"] * time_,
         "seconds_relative": time_,
         "build_seconds": build_s,
     }
     return usual | told | times_ | {
-        "default": False, "conditions_changed_share": wrong, "interval": None, "areas": 0,
+        "default": False, "conditions_changed_share": wrong, "interval": None, "elsewhere": None,
+        "build_interval": None, "areas": 0,
     }  # fmt: skip
 
 

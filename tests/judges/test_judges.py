@@ -1,7 +1,7 @@
 """Programs and data of others judge what lcp computes and writes: `make judges` installs and runs them.
 
 SPICE with JPL's DE440 and the DE421 lunar frame, IOOS's compliance checker (CF), a GeoParquet and a
-cloud-optimised GeoTIFF validator; QGIS's libraries where a Python of the system has them.
+cloud-optimised GeoTIFF validator; Mitsuba 3 (shadows and ranges); QGIS's libraries where a Python of the system has them.
 """
 
 from __future__ import annotations
@@ -16,15 +16,21 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import catalogs
+from helpers.synthetic import cratered
 from lcp_cli.main import run
 
+from lcp_catalog.accuracy import TIERS
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.ephemeris.solar_position import apparent_sun
 from lcp_catalog.ephemeris.times import instants
 from lcp_catalog.exports.frames import frame_named
 from lcp_catalog.exports.points import ExportedPoints
 from lcp_catalog.exports.tables import write_parquet
+from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.light.sources import earth_at
+from lcp_catalog.terrain.heightfield import Heightfield
+from lcp_catalog.terrain.occlusion import occluded
+from lcp_catalog.terrain.relief_bounds import nodes_enu
 
 SAMPLE = catalogs.HADLEY
 
@@ -169,3 +175,60 @@ def test_qgis_reads_the_exports(tmp_path: Path) -> None:
     assert layers["points"]["code"] == layers["footprints"]["code"] == "IAU_2015:30100"
     assert raster["valid"]
     assert raster["middle"] > 0.0
+
+
+@pytest.fixture(scope="module")
+def craters() -> tuple[Heightfield, Any, Any]:
+    """A cratered heightfield, Mitsuba, and its scene of the same triangles; the variant that needs no compiler."""
+    mitsuba = installed("mitsuba")
+    mitsuba.set_variant("scalar_rgb")
+    field = Heightfield(cratered(96, 20.0), 20.0)
+    rows, cols = field.z_m.shape
+    corner = (np.arange(rows - 1)[:, None] * cols + np.arange(cols - 1)).ravel()
+    upper = np.stack([corner, corner + cols + 1, corner + 1], 1)
+    lower = np.stack([corner, corner + cols, corner + cols + 1], 1)
+    faces = np.concatenate([upper, lower]).astype(np.uint32)
+    mesh = mitsuba.Mesh("terrain", field.z_m.size, len(faces))
+    values = mitsuba.traverse(mesh)
+    values["vertex_positions"] = nodes_enu(field, (0, rows, 0, cols)).astype(np.float32).ravel()
+    values["faces"] = faces.ravel()
+    values.update()
+    return field, mitsuba, mitsuba.load_dict({"type": "scene", "terrain": mesh})
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), [(77.0, 2.0), (200.0, 8.0), (310.0, 25.0)])
+def test_mitsuba_sees_the_same_shadows(
+    craters: tuple[Heightfield, Any, Any], azimuth: float, elevation: float
+) -> None:
+    """Its rays start 1 cm above the nodes, since they know no edge: over a cell of 20 m that is 0.03 deg. What a Sun higher and
+    lower by twice that does not change is the same, all but 1 node in 100.
+    """
+    field, mitsuba, scene = craters
+    rows, cols = field.z_m.shape
+    low, high = (
+        occluded(field, direction_enu(azimuth, elevation + turn), TIERS["reference"])
+        for turn in (-0.06, 0.06)
+    )
+    starts = nodes_enu(field, (0, rows, 0, cols)).reshape(-1, 3) + np.array([0.0, 0.0, 0.01])
+    towards = mitsuba.Vector3f(*direction_enu(azimuth, elevation).tolist())
+    hit = [scene.ray_test(mitsuba.Ray3f(mitsuba.Point3f(*p), towards)) for p in starts.tolist()]
+    sure = low == high
+    assert sure.mean() > 0.99
+    assert 0.01 < low.mean() < 0.99
+    assert (np.reshape(hit, (rows, cols)) == low)[sure].all()
+
+
+def test_mitsuba_sees_the_same_ranges(craters: tuple[Heightfield, Any, Any]) -> None:
+    """Of rays from 30 km, within what single precision resolves there."""
+    field, mitsuba, scene = craters
+    rng = np.random.default_rng(7)
+    camera = np.array([950.0, -950.0, 0.0]) + 3e4 * direction_enu(40.0, 55.0)
+    aims = np.stack([rng.uniform(100, 1800, 500), rng.uniform(-1800, -100, 500), np.zeros(500)], 1)
+    rays = (aims - camera) / np.linalg.norm(aims - camera, axis=1)[:, None]
+    ours = field.first_hits(camera, rays)
+    point = mitsuba.Point3f(*camera.tolist())
+    found = [
+        scene.ray_intersect_preliminary(mitsuba.Ray3f(point, mitsuba.Vector3f(*ray))).t
+        for ray in rays.tolist()
+    ]
+    assert np.abs(np.array(found) - ours).max() < 0.05
