@@ -10,6 +10,7 @@ import click
 from lcp_catalog.errors import ConfigError, LcpError, printable
 
 from .messages import is_json, say
+from .names import has_option
 from .signals import Stopped
 
 _NO_MEMORY = "failed to map segment", "Could not find/load shared object"
@@ -23,10 +24,10 @@ def exit_code_of(error: BaseException) -> int:
     """Print one line about ``error`` on stderr and return its exit code."""
     if isinstance(error, click.ClickException):
         if is_json():
-            say(error.format_message(), "error", exit_code=error.exit_code)
+            say(_shortened(error.format_message()), "error", exit_code=error.exit_code)
         else:
             # a file name can hold anything
-            object.__setattr__(error, "message", printable(error.message))
+            object.__setattr__(error, "message", _shortened(printable(error.message)))
             error.show()
         return error.exit_code
     if isinstance(error, KeyboardInterrupt | click.Abort):
@@ -41,6 +42,36 @@ def exit_code_of(error: BaseException) -> int:
     return code
 
 
+_SAVING = {
+    "--size": "a smaller area",
+    "--bounds": "a smaller area",
+    "--gsd": "a coarser --gsd",
+    "--jobs": "fewer --jobs",
+}
+"""What takes less memory, by the options with which a command does it."""
+
+_LONGEST_WORD, _LONGEST_TEXT = 300, 3000
+"""Characters of a word and of a message that are shown."""
+
+
+def _less_memory() -> str:
+    ways = [*dict.fromkeys(way for flag, way in _SAVING.items() if has_option(flag))]
+    last = ways.pop() if ways else ""
+    first = f"{', '.join(ways)} or " if ways else ""
+    return f"use {first}{last}" if last else "end other programs, or raise its limit of memory"
+
+
+def _shortened(text: str) -> str:
+    """The text, in which long words (names that a user gave) and many of them lack their middle."""
+    for word in {one for one in text.split() if len(one) > _LONGEST_WORD}:
+        text = text.replace(word, _cut(word, _LONGEST_WORD // 3))
+    return _cut(text, _LONGEST_TEXT // 2) if len(text) > _LONGEST_TEXT else text
+
+
+def _cut(text: str, side: int) -> str:
+    return f"{text[:side]}...{text[-side:]}"
+
+
 def _one_line(error: BaseException) -> str:
     if isinstance(error, LcpError):
         text = str(error)
@@ -49,11 +80,11 @@ def _one_line(error: BaseException) -> str:
     elif isinstance(error, FileNotFoundError) and error.filename is None:
         text = "the working folder no longer exists; change to one that does, and run again"
     elif isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
-        text = "out of memory; use a smaller area, a coarser --gsd or fewer --jobs"
+        text = f"out of memory; {_less_memory()}"
     elif isinstance(error, OSError) or (
         isinstance(error, ImportError) and error.name == "numba"
     ):  # is not there, or shall not compile
         text = str(error)
     else:
         text = f"unexpected {type(error).__name__}: {error} (run again with `lcp --debug ...` for the traceback)"
-    return " ".join(text.split())
+    return _shortened(" ".join(text.split()))

@@ -48,6 +48,12 @@ def option(name: str) -> str | None:
     )
 
 
+def has_option(flag: str) -> bool:
+    """True if the running command has this option."""
+    parameters = [] if _Running.command is None else _Running.command.params
+    return any(flag in one.opts for one in parameters)
+
+
 def _words(name: str) -> Iterator[str]:
     """Words that can be an option: without the unit, with and without the name's section."""
     section, _, last = _UNIT.sub("", name).rpartition(".")

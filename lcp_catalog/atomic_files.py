@@ -155,6 +155,10 @@ def _check_new_folder(path: Path | str, overwrite: bool, inputs: Iterable[Path |
     """The real path of a folder to write, which is not there, or may be replaced."""
     target = Path(os.path.realpath(path))
     if not target.is_dir():
+        if overwrite and os.path.lexists(target):
+            raise OutputError(
+                f"{path}: is a file, and the output is a folder; move it, or name another output"
+            )
         return check_output(path, inputs=inputs)
     if not overwrite:
         raise OutputExistsError(f"{path} exists; use `overwrite` to replace it")
@@ -518,7 +522,10 @@ def _named(path: Path | str) -> Iterator[None]:
             errno.EIO,
             errno.EFBIG,
         ):
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from error
+            reason = error.strerror or ""
+            if "errno" in reason:  # Arrow's own words
+                reason = os.strerror(error.errno or errno.EIO)
+            raise OutputError(f"{path}: cannot be written: {reason}") from error
         raise
 
 

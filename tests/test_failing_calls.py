@@ -167,7 +167,7 @@ stations = len(attempts.stations(trial.line, attempts.place(trial.inputs), ""))
 forked = attempts.ends(trial.line, trial.inputs, faults, "")
 
 def said(fault, outcome, ended):
-    return [str(fault), outcome, ended.code, ended.err.partition(" (file read")[0], ended.calls]
+    return [str(fault), outcome, ended.code, ended.err, ended.calls]
 
 print(json.dumps([stations, len(forked), len(faults),
     [said(*each) for each in trial.outcomes(attempts, faults)],
@@ -231,12 +231,15 @@ def test_what_a_command_leaves_is_judged(
     "words",
     [
         "--only dem*check export*.lmk --spread 2 --kinds open rename fsync",
+        "--only inspect --spread 6 --kinds read --errors EIO",
         pytest.param("--only render --malloc 60 --kinds malloc", marks=pytest.mark.slow),
         pytest.param("--only query --malloc 100 --kinds malloc", marks=pytest.mark.slow),
     ],
 )
 def test_a_few_commands_survive_a_few_calls(words: str) -> None:
-    """Of 60 calls for memory of `render`, one was lost in a parallel loop of a kernel: exit 0, a wrong image. Of 100
+    """`inspect` called a file damaged that the system did not read.
+
+    Of 60 calls for memory of `render`, one was lost in a parallel loop of a kernel: exit 0, a wrong image. Of 100
     of `query`, 4 ended HDF5, or kept it busy for ever (`integrity.dimensions`).
     """
     root = Path(__file__).resolve().parents[1]

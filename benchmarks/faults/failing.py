@@ -521,7 +521,7 @@ class Trial:
         if (
             ended.code == 4
             and self.words.verdict
-            and fault.kind in ("read", "malloc")
+            and (fault.kind == "malloc" or (fault.kind == "read" and "NOT SOUND" in ended.out))
             and "NOT " in ended.out
         ):
             return ""
@@ -533,7 +533,7 @@ class Trial:
             if not re.search(r": (\d+ of \d+|preparing|working), ", line)
         )
         own = [line for line in told if line and line not in self.ended.err]
-        ugly = any("unexpected" in line for line in own)
+        ugly = any("unexpected" in line or "errno" in line for line in own)
         if fault.kind == "malloc":  # GDAL and LAPACK say it themselves
             own, ugly = [one for one in own if not one.startswith(("ERROR ", "init_ge"))], False
             if own and own[0].startswith("Fatal Python error"):  # of a fork of the interpreter

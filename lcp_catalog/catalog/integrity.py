@@ -7,6 +7,8 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import os
+import re
 import threading
 import zlib
 from collections import defaultdict
@@ -57,9 +59,40 @@ _ADDRESSES = ("DIMENSION_LIST", "REFERENCE_LIST")
 """Attributes that hold places in the file: the names of the dimensions stand for them."""
 
 
+class UnreadError(CatalogError):
+    """The operating system does not read the file: nothing is known of its content."""
+
+
+NOT_READ = "cannot be read: "
+"""How the text of an `UnreadError` begins."""
+
+_WORDS = {
+    "checksum": "a checksum does not match",
+    "truncated": "it is cut short",
+    "addr overflow": "it is cut short",
+    "filter": "a chunk cannot be unpacked",
+    "decompress": "a chunk cannot be unpacked",
+}
+"""What HDF5 says of damage, by a word of its text, which is for its developers."""
+
+
 def line_of(error: BaseException) -> str:
-    """An error as one line."""
-    return " ".join(str(error).split()) or type(error).__name__
+    """What an error of HDF5 says of a file, in our words. UnreadError where a call of the operating system failed."""
+    text = str(error)
+    if isinstance(error, UnreadError):
+        raise error
+    found = re.search(r"errno = (\d+)", text)
+    code = (error.errno if isinstance(error, OSError) else None) or int(found[1] if found else 0)
+    if code:
+        reason = os.strerror(code)
+        raise UnreadError(
+            f"{NOT_READ}{reason}; that says nothing about its content: try again"
+        ) from error
+    if isinstance(error, MemoryError):
+        return "it needs more memory than there is"
+    return next(
+        (own for word, own in _WORDS.items() if word in text.lower()), "its structure is broken"
+    )
 
 
 def chunk_digest(stored: bytes, filter_mask: int = 0) -> bytes:
@@ -183,7 +216,9 @@ def _address(member: Any) -> int:
 
 def _name(member: Any) -> str:
     """The last part of the path of HDF5's object."""
-    return str(h5py.h5i.get_name(member).decode(errors="surrogateescape")).rpartition("/")[2]
+    get = h5py.h5i.get_name
+    name = get(member) or get(member)  # a read that fails in its search gives none
+    return str(name.decode(errors="surrogateescape")).rpartition("/")[2]
 
 
 @dataclass(frozen=True)
@@ -341,7 +376,8 @@ class ChunkDigests:
         """False for a chunk that is not what was written, or that cannot be read."""
         try:
             return self._sound_chunk(dataset, grid, number) is not None
-        except HDF5_ERRORS:
+        except HDF5_ERRORS as error:
+            line_of(error)  # raises if the system does not read it
             return False
 
     def _sound_chunk(self, dataset: h5py.Dataset, grid: ChunkGrid, number: int) -> bytes | None:

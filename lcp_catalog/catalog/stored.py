@@ -24,14 +24,13 @@ from ..errors import CatalogError
 from ..file_kinds import other_kind
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
-from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, Known, line_of
+from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, Known, UnreadError, line_of
 from .layout import GROUP_ATTRIBUTES, GROUPS, LEVELS, NUMBERS, TEXT, packing
 from .model import Coverage, CoverageLevels, CoverageMap, Overview, Promise, StoredArray, held
 from .schema import PACKED, Variable
 from .shards import SHARDS, Shard
 
-NOT_OPENED = "cannot be opened: "
-"""How the text begins for a file of which nothing is known because the system does not open it."""
+_CHANGED = "was changed since it was opened; open it again"
 
 _TEXT_BYTES = 64
 """Bytes that a text is taken to need in memory."""
@@ -82,25 +81,44 @@ class StoredFile:
         try:
             file = h5py.File(self.path, "r")
         except HDF5_ERRORS as error:
-            if isinstance(error, OSError) and error.errno:
-                text = f"{self.path}: {NOT_OPENED}{os.strerror(error.errno)}"
-                raise CatalogError(text) from error
-            kind = other_kind(self.path, "a catalogue")
-            text = kind or f"not an HDF5 file, or cut short: {line_of(error)}"
-            raise CatalogError(f"{self.path}: {text}") from error
+            raise CatalogError(f"{self.path}: {self._unopened(error)}") from error
         try:
             if file_state(os.fstat(file.id.get_vfd_handle())) != self.stamp:
-                raise CatalogError("was changed since it was opened; open it again")
+                raise CatalogError(_CHANGED)
             yield file
         except CatalogError as error:
             raise CatalogError(
                 f"{self.path}: {str(error).removeprefix(f'{self.path}: ')}"
             ) from error
         except HDF5_ERRORS as error:
-            raise CatalogError(f"{self.path}: is damaged: {line_of(error)}") from error
+            raise CatalogError(f"{self.path}: {_damage(error)}") from error
         finally:
             with suppress(*HDF5_ERRORS):  # an error of closing says nothing about what was read
                 file.close()
+
+    def _unopened(self, error: BaseException) -> str:
+        """Why HDF5 does not open the file. What it opened may be another one, and the name mean this one again."""
+        try:
+            line_of(error)
+            with open(self.path, "rb", opener=_without_waiting) as stream:
+                if file_state(os.fstat(stream.fileno())) == self.stamp:
+                    h5py.File(stream, "r").close()
+            return _CHANGED
+        except UnreadError as unread:
+            return str(unread)
+        except HDF5_ERRORS:
+            return other_kind(self.path, "a catalogue") or "not an HDF5 file, or cut short"
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def _damage(error: BaseException) -> str:
+    try:
+        return f"is damaged: {line_of(error)}"
+    except UnreadError as unread:
+        return str(unread)
 
 
 # -- parts of an open file

@@ -17,9 +17,10 @@ from ..errors import CatalogError
 from ..geometry.bounds import enclosing_arc, turned_deg
 from ..plots.numbers import number
 from .catalogue import Catalog
+from .integrity import NOT_READ
 from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
-from .stored import NOT_OPENED, StoredFile, sharded, stored_catalog
+from .stored import StoredFile, sharded, stored_catalog
 from .verification import apart, judge, judged, shard_problems
 
 
@@ -111,7 +112,7 @@ def describe(path: Path | str) -> dict[str, Any]:
         problems, found = apart(stored, _described)
     except CatalogError as error:
         problems, found = [str(error).removeprefix(f"{path}: ")], {}
-    if problems and problems[0].startswith(NOT_OPENED):
+    if problems and problems[0].startswith(NOT_READ):
         raise CatalogError(f"{path}: {problems[0]}")
     if not problems and not found:
         catalog = judged(stored, None)

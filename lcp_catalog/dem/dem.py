@@ -98,7 +98,7 @@ class Dem(Gridded):
             raise DemError(f"{path}: has {dataset.count} bands; a DEM has one")
         grid = grid_of(dataset, path)
         scale, offset = _gdal_scale(dataset, path)
-        raster = replace(Raster.of_band(dataset, path), scale_m=scale, offset_m=offset)
+        raster = replace(Raster.of_band(dataset, files, path), scale_m=scale, offset_m=offset)
         return cls(path, product_name(path.stem), grid, raster, files)
 
     @property

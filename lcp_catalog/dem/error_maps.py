@@ -81,7 +81,7 @@ class FigureMap(Gridded):
         dataset, files = open_dataset(path, kind)
         if dataset.count != 1:
             raise DemError(f"{path}: has {dataset.count} bands; {kind} has one")
-        grid, raster = grid_of(dataset, path), Raster.of_band(dataset, path)
+        grid, raster = grid_of(dataset, path), Raster.of_band(dataset, files, path)
         scale_m, offset_m = (unit_m(dataset) * x for x in (raster.scale_m, raster.offset_m))
         figures = Figures(replace(raster, scale_m=scale_m, offset_m=offset_m), meaning)
         return cls(path, grid, figures, files)

@@ -17,7 +17,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
@@ -155,6 +155,10 @@ are no heights.
 
 PIXELS_MAX = 30_000_000_000
 """Most pixels of a file that are all read: three times the Moon at 512 pixels a degree, minutes of reading."""
+_PACKED, _MANY = 2000, 1_000_000_000
+"""Beyond this ratio of the pixels' bytes to those of the files (deflate of zeros has 1030), most of so many pixels were
+never written.
+"""
 _OPEN_FILES = 16
 _WINDOW_PIXELS = 4_000_000
 _CACHED_PIXELS = 1 << 16
@@ -182,16 +186,24 @@ class Raster:
     band: int = 1  # of the file, counted from 1; read by GDAL
     masked: bool = False  # True if an alpha band or a mask of the file marks missing pixels
     stated_m: tuple[float, float] | None = None  # least and greatest height that the label admits
+    is_sparse: bool = False  # True if most of very many pixels were never written
 
     @classmethod
-    def of_band(cls, dataset: Any, path: Path, band: int = 1) -> Raster:
-        """A band of a dataset that GDAL opened, counted from 1, with its scale, offset and missing value."""
+    def of_band(cls, dataset: Any, files: tuple[Path, ...], path: Path, band: int = 1) -> Raster:
+        """A band of a dataset that GDAL opened, counted from 1, with its scale, offset and missing value; ``files``: what is
+        read for it.
+        """
         scale, offset, nodata = (
             values[band - 1] for values in (dataset.scales, dataset.offsets, dataset.nodatavals)
         )
         missing = () if nodata is None or math.isnan(nodata) else (float(nodata),)
         size = dataset.width, dataset.height
-        return cls(path, size[0], size[1], float(scale), float(offset), missing, band=band)
+        pixels = dataset.width * dataset.height
+        stored = 0 if url_of(path) else sum(os.stat(file).st_size for file in files)
+        packed = pixels * np.dtype(dataset.dtypes[band - 1]).itemsize / max(1, stored)
+        sparse = pixels > _MANY and bool(stored) and packed > _PACKED
+        found = cls(path, *size, float(scale), float(offset), missing, band=band)
+        return replace(found, is_sparse=sparse)
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:
         """Heights of rows row0..row1 and columns col0..col1 (half open, inside the raster), float32
@@ -208,8 +220,8 @@ class Raster:
 
     def windows(self, width: int | None = None) -> Iterator[tuple[int, int, int, int]]:
         """Half-open windows (row0, row1, col0, col1) of some million pixels that cover the raster,
-        or its first ``width`` columns, once; in whole blocks of the file if these are not larger.
-        DemError for more than `PIXELS_MAX`.
+        or its first ``width`` columns, once; in whole blocks of the file, or in rows of one after the other
+        if these are larger. DemError for more than `PIXELS_MAX`, and if most were never written.
         """
         width = self.width if width is None else width
         if width * self.height > PIXELS_MAX:
@@ -217,9 +229,17 @@ class Raster:
                 f"{self.path}: {width} x {self.height} pixels are too many to read them all (at most "
                 f"{PIXELS_MAX / 1e9:g} thousand million); make a file of a part (gdal_translate -projwin)"
             )
+        if self.is_sparse:
+            raise DemError(
+                f"{self.path}: nearly none of its {self.width} x {self.height} pixels was ever written; make a file of "
+                "the part that holds values (gdal_translate -projwin)"
+            )
         high, wide = 1, width
         if self.raw_dtype is None:
             high, wide = _dataset(self.path).block_shapes[0]
+        if high * wide > _WINDOW_PIXELS and wide < width:
+            yield from _in_blocks((high, wide), (self.height, width))
+            return
         if high * wide > _WINDOW_PIXELS:
             high, wide = 1, width
         across = max(1, min(width, _WINDOW_PIXELS // high) // wide) * wide
@@ -301,6 +321,20 @@ class Raster:
                     f"{self.path}: has a height of {value:g} m where its label states {self.stated_m[0]:g} to "
                     f"{self.stated_m[1]:g} m: one of them is damaged or of another product; fetch both again"
                 )
+
+
+def _in_blocks(
+    block: tuple[int, int], shape: tuple[int, int]
+) -> Iterator[tuple[int, int, int, int]]:
+    """Windows as `Raster.windows`, one block (rows, columns) of a raster (rows, columns) after the other: GDAL decodes a
+    large one once as long as no other is read.
+    """
+    down = max(1, _WINDOW_PIXELS // block[1])
+    for top in range(0, shape[0], block[0]):
+        bottom = min(top + block[0], shape[0])
+        for column in range(0, shape[1], block[1]):
+            for row in range(top, bottom, down):
+                yield row, min(row + down, bottom), column, min(column + block[1], shape[1])
 
 
 def open_dataset(path: Path, kind: str = "a DEM") -> tuple[Any, tuple[Path, ...]]:

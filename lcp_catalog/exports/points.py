@@ -16,7 +16,6 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Index
 from ..catalog.catalogue import Catalog
-from ..catalog.integrity import line_of
 from ..catalog.patch_terrain import patch_nodes
 from ..catalog.schema import FIGURES, VARIABLES, evaluated, usable
 from ..child_process import ChildFailedError
@@ -218,7 +217,7 @@ def write_checked(write: Callable[[tuple[Path, Path]], object], path: Path) -> N
         write((path, again))
         same = filecmp.cmp(path, again, shallow=False)
     except (RuntimeError, ChildFailedError) as error:
-        same, why = False, line_of(error)
+        same, why = False, " ".join(str(error).split())
     with again.open("ab") as file:
         file.write(bytes(_ROOM_BYTES))
         file.flush()

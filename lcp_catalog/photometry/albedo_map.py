@@ -120,7 +120,7 @@ def open_pixels(path: Path, encoding: str | None, band: int | None = None) -> Al
         grid = grid_of(dataset, path)
     except DemError as error:
         raise AlbedoError(str(error)) from error
-    raster = replace(Raster.of_band(dataset, path, k + 1), masked=_masked(dataset, k))
+    raster = replace(Raster.of_band(dataset, files, path, k + 1), masked=_masked(dataset, k))
     plain = raster.scale_m == 1.0 and raster.offset_m == 0.0
     if encoding == "srgb" and not plain:
         raise AlbedoError(

@@ -280,9 +280,7 @@ def test_a_system_that_fails(
     if what == "close":
         assert len(open_catalog(copy).longitude) == 6
     else:
-        with pytest.raises(
-            CatalogError, match=r"copy\.h5: .*cannot be opened: Too many open files"
-        ):
+        with pytest.raises(CatalogError, match=r"copy\.h5: .*cannot be read: Too many open files"):
             open_catalog(copy)
     assert run(["inspect", str(copy)]) == {"open": 1, "close": 0}[what]
     assert "NOT INTACT" not in capfd.readouterr().err

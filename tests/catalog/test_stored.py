@@ -194,6 +194,26 @@ def test_the_file_that_is_open_is_judged_and_not_its_name(
         switch()  # back
 
 
+@pytest.mark.parametrize("other", [b"text", b"\x89HDF\r\n\x1a\n"])
+def test_a_link_that_meant_no_catalogue_for_a_moment(
+    other: bytes, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It means the catalogue again when the error of HDF5 is looked at."""
+    link = tmp_path / "link.h5"
+    link.symlink_to(written)
+    (tmp_path / "other").write_bytes(other)
+    opened = h5py.File
+
+    def switched(name: object, mode: str) -> h5py.File:
+        return opened(tmp_path / "other" if name == str(link) else name, mode)
+
+    stored = StoredFile.of(link)
+    monkeypatch.setattr(h5py, "File", switched)
+    with pytest.raises(CatalogError) as caught, stored.opened():
+        pass
+    assert str(caught.value) == f"{link}: was changed since it was opened; open it again"
+
+
 def test_a_link_that_switches_while_it_is_read_gives_one_file_or_an_error(
     switched: tuple[Path, Callable[[], None]],
 ) -> None:

@@ -6,8 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 from helpers.small_build import DEM
+from lcp_cli import main, names
+from lcp_cli.failures import exit_code_of
+
+from lcp_catalog.errors import LcpError
 
 GONE = "import os, sys; from lcp_cli.main import main; os.chdir(sys.argv[1]); os.rmdir(sys.argv[1]); main(sys.argv[2:])"
 LIMITED = (
@@ -40,6 +45,45 @@ def test_libraries_that_do_not_fit_in_memory(tmp_path: Path, limit_mb: int) -> N
     said = told(LIMITED, str(limit_mb), "render", str(DEM), "-o", str(tmp_path / "x.tif"))
     assert said.startswith("lcp: out of memory; ")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("command", "advice"),
+    [
+        ("query", "end other programs, or raise its limit of memory"),
+        ("diff", "end other programs, or raise its limit of memory"),
+        ("render", "use a smaller area or a coarser --gsd"),
+        ("build-catalog", "use a smaller area, a coarser --gsd or fewer --jobs"),
+    ],
+)
+def test_advice_for_memory_is_what_a_command_can_do(
+    command: str, advice: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = main.cli.get_command(None, command)  # type: ignore[arg-type]  # for no context
+    names.runs(found)
+    assert exit_code_of(MemoryError()) == 1
+    names.runs(None)
+    assert capsys.readouterr().err == f"lcp: out of memory; {advice}\n"
+
+
+LONG = "x" * 5000
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        LcpError(f"no figure {LONG}; there are a, b"),
+        click.UsageError(f"no figure {LONG}"),
+        ValueError("y " * 5000),
+    ],
+)
+def test_what_a_user_gave_is_not_printed_whole(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    exit_code_of(error)
+    said = capsys.readouterr().err
+    assert len(said) < 3200
+    assert "..." in said
 
 
 def test_kernels_that_shall_not_be_compiled(

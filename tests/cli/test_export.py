@@ -5,6 +5,7 @@ from __future__ import annotations
 import filecmp
 import importlib
 import json
+import resource
 import shutil
 import subprocess
 import sys
@@ -211,3 +212,25 @@ def test_a_sun_lights_landmark_maps(catalog: str, tmp_path: Path) -> None:
     for path in (tmp_path / "a.lmk").glob("*.lmk"):
         assert path.read_bytes()[:196] == (tmp_path / "b.lmk" / path.name).read_bytes()[:196]
         assert path.read_bytes() != (tmp_path / "b.lmk" / path.name).read_bytes()
+
+
+def test_a_file_in_the_place_of_a_folder_is_no_output(
+    catalog: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "f.lmk").write_text("mine")
+    line = refusal(["export", catalog, "-o", str(tmp_path / "f.lmk"), "--overwrite"], 1, capsys)
+    assert "f.lmk: is a file, and the output is a folder" in line
+    assert (tmp_path / "f.lmk").read_text() == "mine"
+
+
+def test_a_library_that_cannot_write_is_not_quoted(
+    catalog: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limit[1]))
+    try:
+        line = refusal(["export", catalog, "-o", str(tmp_path / "o.parquet")], 1, capsys)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert line.endswith("o.parquet: cannot be written: File too large\n")
+    assert list(tmp_path.iterdir()) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.server
+import itertools
 import os
 import shutil
 import signal
@@ -25,6 +26,7 @@ from rasterio.transform import from_origin
 
 import lcp_catalog as lcp
 from lcp_catalog import child_process
+from lcp_catalog.dem import raster
 from lcp_catalog.dem.dem import Dem, files_beside
 from lcp_catalog.dem.file_check import CheckResult, check_dem
 from lcp_catalog.dem.mosaic import DemSet
@@ -457,7 +459,7 @@ def test_no_file_makes_a_request(
         assert f"names {url}" in capsys.readouterr().err
 
 
-TILES = {"tiled": True, "blockxsize": 16384, "blockysize": 16384, "compress": "deflate"}
+TILES = {"tiled": True, "blockxsize": 4096, "blockysize": 4096, "compress": "deflate"}
 
 
 def _sparse(path: Path, width: int, height: int, blocks: dict[str, object]) -> Path:
@@ -468,7 +470,7 @@ def _sparse(path: Path, width: int, height: int, blocks: dict[str, object]) -> P
     shape = {"width": width, "height": height, "SPARSE_OK": True, "BIGTIFF": "YES"}
     with rasterio.open(path, "w", **kind, **shape, **blocks):
         pass
-    assert path.stat().st_size < 100_000
+    assert path.stat().st_size < 1_500_000
     return path
 
 
@@ -483,10 +485,55 @@ def test_a_file_of_too_many_pixels_is_refused_before_they_are_read(
     assert run(["dem", "info", "--quick", path]) == 0
 
 
+@pytest.mark.parametrize(
+    ("blocks", "says"),
+    [
+        (TILES, "nearly none of its 200000 x 100000 pixels was ever written"),
+        ({}, "nearly none of its 200000 x 100000 pixels was ever written"),
+        (
+            TILES | {"blockxsize": 16384, "blockysize": 16384},
+            "is stored in blocks of 16384 x 16384",
+        ),
+    ],
+    ids=["tiles", "strips", "large tiles"],
+)
+def test_a_sparse_file_is_refused_before_it_is_read(
+    blocks: dict[str, object], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file of 2 kB to 1.2 MB kept these commands busy for many minutes."""
+    path = str(_sparse(tmp_path / "sparse.tif", 200_000, 100_000, blocks))
+    began = time.monotonic()
+    assert run(["dem", "info", path]) == 1
+    assert says in capsys.readouterr().err
+    assert run(["dem", "check", path]) == 4
+    assert says in capsys.readouterr().out
+    with pytest.raises((DemError, AlbedoError), match=says):
+        AlbedoMap.open(path)
+    assert time.monotonic() - began < 30.0
+
+
+def test_windows_go_through_large_blocks_one_after_the_other(tmp_path: Path) -> None:
+    path = _sparse(tmp_path / "x.tif", 10_000, 5_000, TILES)
+    seen, blocks = np.zeros((5_000, 10_000), np.uint8), list[tuple[int, int]]()
+    for row0, row1, col0, col1 in Dem.open(path).raster.windows():
+        seen[row0:row1, col0:col1] += 1
+        blocks += [(row0 // 4096, col0 // 4096)]
+        assert (row1 - row0) * (col1 - col0) <= 4_000_000
+        assert (row1 - 1) // 4096 == row0 // 4096
+        assert (col1 - 1) // 4096 == col0 // 4096
+    assert (seen == 1).all()
+    assert sum(one != other for one, other in itertools.pairwise(blocks)) == 5
+
+
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_long_reading_ends_with_a_signal(
-    sent: signal.Signals, code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sent: signal.Signals,
+    code: int,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(raster, "_PACKED", 1e12)
     path = _sparse(tmp_path / "sparse.tif", 240_000, 120_000, TILES)
     timer = threading.Timer(1.0, os.kill, (os.getpid(), sent))
     timer.start()
