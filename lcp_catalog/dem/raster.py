@@ -202,7 +202,7 @@ class Raster:
         stored = 0 if url_of(path) else sum(os.stat(file).st_size for file in files)
         packed = pixels * np.dtype(dataset.dtypes[band - 1]).itemsize / max(1, stored)
         sparse = pixels > _MANY and bool(stored) and packed > _PACKED
-        found = cls(path, *size, float(scale), float(offset), missing, band=band)
+        found = cls(path, size[0], size[1], float(scale), float(offset), missing, band=band)
         return replace(found, is_sparse=sparse)
 
     def read(self, row0: int, row1: int, col0: int, col1: int) -> Float32:

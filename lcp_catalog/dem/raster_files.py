@@ -60,7 +60,7 @@ _BESIDE = (".aux.xml", ".ovr", ".msk", ".OVR", ".MSK")
 _BASE = ":::BASE:::"
 _HEAD_BYTES, _XML_BYTES = 1024, 100_000_000
 """Bytes that show what a file is; most that are read of a VRT."""
-_BLOCK_BYTES = 256 << 20
+_BLOCK_BYTES = 268_435_456
 """Largest block, which is decoded whole, that is read: as much as GDAL keeps decoded."""
 
 
