@@ -168,7 +168,8 @@ BUDGETS = {
     # 150 why a turned Sun, an elevation and a promise are missed above 45 deg
     # 59 kept ground, and what is measured of a build's time
     # 164 a budget on three regions
-    "words of docs": 58273,
+    # 113 figures with commits, times on three regions
+    "words of docs": 58386,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
