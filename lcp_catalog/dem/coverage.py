@@ -20,8 +20,9 @@ import numpy as np
 from ..arrays import Array, Index, Int16, Mask
 from ..constants import MOON_RADIUS_M
 from ..geometry.bounds import Bounds, enclosing_bounds
+from .disagreements import Disagreement, disagreements
 from .grid import Grid
-from .mosaic import DemSet, Disagreement, disagreements
+from .mosaic import DemSet
 from .pixel_statistics import Region, connected_regions
 
 BAND_EDGES_DEG = (-90.0, -85.0, -80.0, -75.0, -60.0, 0.0, 60.0, 75.0, 80.0, 85.0, 90.0)

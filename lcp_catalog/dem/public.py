@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 
 from .coverage import MOON_KM2, Band, SetCoverage, set_coverage, set_disagreements
 from .dem import Dem
-from .mosaic import DemSet, Disagreement, dem_files, height_at
+from .disagreements import Disagreement
+from .mosaic import DemSet, dem_files, height_at
 from .pixel_statistics import HeightStatistics, Region, height_statistics
 from .plausibility import warn_of_all_heights
 

@@ -1,12 +1,13 @@
 """Ground that two sets of heights show: whether they agree about it and where it lies.
 
-Two DEM products where they overlap (`mosaic.disagreements`), and two catalogues that are merged (`production.overlap`).
+Two DEM products where they overlap (`disagreements`), and two catalogues that are merged (`production.overlap`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -120,15 +121,13 @@ class SharedGround:
                 f"its heights differ by {median_m:.1f} m (median of {where}), "
                 f"beyond the {limit_m:.1f} m that height errors and cell sizes explain"
             )
-        level, level_m = self.shift()
-        away_m = float(np.hypot(*level))
-        limit_m = self._limit_m(one, other, level_m)
+        away_m, level_m, limit_m = self.apart(one, other)
         if away_m > limit_m:
             return (
                 f"the same ground lies {away_m:.0f} +- {level_m:.0f} m apart (fitted to {where}), "
                 f"beyond the {limit_m:.0f} m that errors of place explain"
             )
-        up_m, own_m = self.up(level)
+        up_m, own_m = self.up(self._found[0])
         limit_m = FACTOR * math.hypot(one.level_m, other.level_m, own_m)
         if up_m > limit_m:
             return (
@@ -136,6 +135,15 @@ class SharedGround:
                 f"beyond the {limit_m:.1f} m that the DEMs' published errors explain"
             )
         return ""
+
+    def apart(self, one: Sigmas, other: Sigmas) -> tuple[float, float, float]:
+        """How far the same ground lies apart, 1 sigma of that, and the limit that errors explain, metres."""
+        level, level_m = self._found
+        return float(np.hypot(*level)), level_m, self._limit_m(one, other, level_m)
+
+    @cached_property
+    def _found(self) -> tuple[Array, float]:
+        return self.shift()
 
     def _limit_m(self, one: Sigmas, other: Sigmas, fit_m: float) -> float:
         """How far the same ground may lie apart: also what could be seen."""

@@ -225,7 +225,11 @@ class _Input:
 
 
 def merge_catalogs(
-    catalogs: Sequence[CatalogOrPath], output: Path | str, overwrite: bool = False
+    catalogs: Sequence[CatalogOrPath],
+    output: Path | str,
+    overwrite: bool = False,
+    *,
+    of_one_build: bool = False,
 ) -> MergeReport:
     """Join catalogues, or files of them, into one and write it to ``output``; an output that ends in .lcpx is an
     index of the files, in which the points stay. Their order does not change it.
@@ -236,7 +240,8 @@ def merge_catalogs(
     the points that are left out (`merged_promise`).
 
     CatalogError for a file that is no catalogue, or for one that does not go with the first: other axes,
-    errors, albedo map or meaning of the flags, or contradicting heights of the same ground (`overlap.agreement`);
+    errors, albedo map or meaning of the flags, or contradicting heights of the same ground (`overlap.agreement`), but for
+    levels ``of_one_build``, whose DEMs were compared when it was planned;
     OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
@@ -254,7 +259,8 @@ def merge_catalogs(
         inputs.sort(key=lambda one: (one.digest, one.builds[0].name), reverse=True)
         different = {one.digest: one for one in inputs}
         merge = _Merge([different[digest] for digest in sorted(different)])
-        merge.require_agreement()
+        if not of_one_build:
+            merge.require_agreement()
         (merge.write_index if index else merge.write)(output, overwrite)
     return merge.report
 

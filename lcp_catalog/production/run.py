@@ -24,8 +24,9 @@ from typing import Any, NamedTuple
 from ..arrays import Index
 from ..atomic_files import are_as_noted, check_output, file_facts, unread_facts
 from ..catalog.stored import StoredFile, stored_catalog
+from ..dem.disagreements import warn_of_disagreements
 from ..dem.effective_resolution import WINDOW_PX
-from ..dem.mosaic import DemSet, warn_of_disagreements
+from ..dem.mosaic import DemSet
 from ..dem.plausibility import warn_of_doubts
 from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, OutputExistsError, SunError
@@ -433,7 +434,7 @@ class BuildRun:
             for number, recipe, names in levels:
                 files.append(self.checkpoints.level_file(number))
                 Assembly(recipe, self.checkpoints, names).write(files[-1], True, check)
-            points = merge_catalogs(files, self.output, self.overwrite).points
+            points = merge_catalogs(files, self.output, self.overwrite, of_one_build=True).points
         self.checkpoints.remove()
         if self.advises:
             spent_s = sum(self._spent_s)

@@ -22,7 +22,8 @@ from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.view import CameraView, ScannerView, View
 from ..constants import SOLAR_RADIUS_RAD
-from ..dem.mosaic import DemSet, warn_of_disagreements
+from ..dem.disagreements import warn_of_disagreements
+from ..dem.mosaic import DemSet
 from ..dem.plausibility import warn_of_doubts
 from ..errors import CameraError, ImageError
 from ..geometry.frames import Direction, EnuFrame

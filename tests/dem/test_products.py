@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,10 +13,13 @@ import numpy as np
 import pytest
 import rasterio
 from click.testing import CliRunner
-from helpers.products import cylinder, hills
+from helpers import real_heights
+from helpers.products import cylinder, geotiff, hills
+from helpers.small_build import CONFIG
 from lcp_cli.main import cli
 
-from lcp_catalog.dem.mosaic import DemSet, disagreements, warn_of_disagreements
+from lcp_catalog.dem.disagreements import disagreements, warn_of_disagreements
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.products import facts_of, is_called, product_name, tie_of
 from lcp_catalog.errors import ConfigError, DemError
 from lcp_catalog.geometry.bounds import Bounds
@@ -161,6 +165,75 @@ class TestDisagreement:
             self.pair(tmp_path, "mine", "LDEM_512", 500.0), Bounds(100.0, 20.0, 104.0, 24.0)
         )
         assert caplog.records == []
+
+
+class TestShift:
+    """Two files of real ground, of which one lies elsewhere."""
+
+    WHOLE = Bounds(0.0, 20.0, 10.0, 30.0)
+
+    @staticmethod
+    def cut(path: Path, cols: slice, east_m: float = 0.0, north_m: float = 0.0) -> Path:
+        with rasterio.open(real_heights.SAMPLE) as file:
+            heights, affine = file.read(1)[600:1600, cols], file.transform
+        at = rasterio.Affine.translation(east_m, north_m) * affine
+        x0, y0 = at * (cols.start, 600)
+        return geotiff(path, heights, x0, y0, affine.a)
+
+    @pytest.mark.parametrize("shared", [1000, 20])  # columns of 118 m
+    @pytest.mark.parametrize(
+        ("east_m", "north_m", "says"),
+        [
+            (500.0, 0.0, r"lies 4[45]\d \+- "),  # of the map: 453 m at 25 N
+            (0.0, 237.0, r"GLD100_256P_b.tif lies 23\d \+- "),  # whole pixels: one lattice
+            (
+                -300.0,
+                300.0,
+                r"lies 40\d \+- \d m apart \(fitted to \d+ places\), beyond the 1[23]\d m",
+            ),
+        ],
+    )
+    def test_ground_that_lies_elsewhere_is_said(
+        self, shared: int, east_m: float, north_m: float, says: str, tmp_path: Path
+    ) -> None:
+        one = self.cut(tmp_path / "GLD100_256P_a.tif", slice(200, 1200))
+        other = self.cut(
+            tmp_path / "GLD100_256P_b.tif", slice(1200 - shared, 2200 - shared), east_m, north_m
+        )
+        (found,) = disagreements(DemSet.open([one, other]), self.WHOLE)
+        assert re.search(says, str(found)), str(found)
+
+    def test_a_plan_of_several_levels_says_it(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
+        """Before the work, at whose end levels of one build are merged whatever their heights are."""
+        one = self.cut(tmp_path / "GLD100_256P_a.tif", slice(200, 1200))
+        other = self.cut(tmp_path / "GLD100_256P_b.tif", slice(200, 1200), 500.0)
+        area = {"area.gsd_m": None, "area.levels_m": (474.0, 948.0)}
+        build = Build.plan([one, other], CONFIG.replaced(area))
+        assert len(build.levels) == 2
+        assert re.search(r"the ground of .* lies 4[45]\d \+- \d m apart", caplog.text)
+
+    def test_what_errors_of_place_explain_is_silent(self, tmp_path: Path) -> None:
+        one = self.cut(tmp_path / "GLD100_256P_a.tif", slice(200, 1200))
+        other = self.cut(tmp_path / "GLD100_256P_b.tif", slice(200, 1200), 60.0, 60.0)
+        assert disagreements(DemSet.open([one, other]), self.WHOLE) == []
+
+    @pytest.mark.parametrize("seed", range(8))
+    def test_real_products_agree_about_the_place(
+        self, seed: int, ldem_4: Path, shared_data: Path
+    ) -> None:
+        """GLD100 and LOLA, of 1.9 and 7.6 km."""
+        dems = DemSet.open(
+            [shared_data / "dem/gld100/gld100_016ppd_global.tif", ldem_4 / "LDEM_4.LBL"]
+        )
+        dice = np.random.default_rng(seed)
+        west, south, size = (
+            dice.uniform(-180.0, 160.0),
+            dice.uniform(-70.0, 50.0),
+            dice.choice([5.0, 20.0]),
+        )
+        assert disagreements(dems, Bounds(west, south, west + size, south + size)) == []
 
 
 class TestOrderIsHandedThrough:
