@@ -98,7 +98,8 @@ BUDGETS = {
     # 67 the ground of areas from one pass to the next
     # 54 what of an area is in the sample of a trade, intervals of a budget
     # 72 reads that the system refuses told from damage, files that changed while they were opened, sparse rasters
-    "code lines, lcp_catalog": 47908,
+    # 71 shifts between DEMs, before a build
+    "code lines, lcp_catalog": 47979,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -169,7 +170,8 @@ BUDGETS = {
     # 59 kept ground, and what is measured of a build's time
     # 164 a budget on three regions
     # 113 figures with commits, times on three regions
-    "words of docs": 58386,
+    # 79 which ground must agree
+    "words of docs": 58462,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -71,24 +71,24 @@ class Disagreement:
         return max(self.median_m / self.limit_m, self.apart_m / self.apart_limit_m)
 
 
-def disagreements(dems: DemSet, box: Bounds) -> list[Disagreement]:
+def disagreements(dems: DemSet, box: Bounds, shifts: bool = True) -> list[Disagreement]:
     """Pairs of products that disagree in a box of longitudes and latitudes, the worst first.
 
     About two thousand places are compared, in clusters over what two products share of the box, at the pixel of the
     coarser one. They disagree if the median absolute difference is above `FACTOR` * hypot(sigma, sigma), or the same ground
-    lies apart (`SharedGround.shift`). Pairs with fewer than 30 common places are left out.
+    lies apart (`SharedGround.shift`; only with ``shifts``: 0.1 s a pair). Pairs with fewer than 30 common places are left out.
     """
     pairs = list(itertools.combinations(dems.layers, 2))
     for layer in dems.layers:  # files of one product on one lattice may overlap, too
         pairs += [(Layer((a,)), Layer((b,))) for a, b in itertools.combinations(layer.dems, 2)]
-    compared = (_compared(one, other, box) for one, other in pairs)
+    compared = (_compared(one, other, box, shifts) for one, other in pairs)
     found = [one for one in compared if one is not None and one.excess > 1.0]
     return sorted(found, key=lambda pair: -pair.excess)
 
 
-def warn_of_disagreements(dems: DemSet, box: Bounds) -> None:
-    """Log one warning about all products that disagree in a box."""
-    found = disagreements(dems, box)
+def warn_of_disagreements(dems: DemSet, box: Bounds, shifts: bool = True) -> None:
+    """Log one warning about all products that disagree in a box (`disagreements`)."""
+    found = disagreements(dems, box, shifts)
     if found:
         log.warning(
             "%s; terrain across their seam is tilted: check the files, or leave one out",
@@ -96,7 +96,7 @@ def warn_of_disagreements(dems: DemSet, box: Bounds) -> None:
         )
 
 
-def _compared(one: Layer[Dem], other: Layer[Dem], box: Bounds) -> Disagreement | None:
+def _compared(one: Layer[Dem], other: Layer[Dem], box: Bounds, shifts: bool) -> Disagreement | None:
     """Comparison of two layers; None if they share too few places."""
     dems = one.dems[0], other.dems[0]
     ground = _shared(one, other, box)
@@ -111,7 +111,7 @@ def _compared(one: Layer[Dem], other: Layer[Dem], box: Bounds) -> Disagreement |
     assumed = tuple(name for name, known in zip(names, sigmas, strict=True) if known is None)
     limit_m = FACTOR * math.hypot(*(UNKNOWN_SIGMA_M if s is None else s for s in sigmas))
     median_m = float(np.median(common))
-    if median_m > limit_m:
+    if median_m > limit_m or not shifts:
         return Disagreement(names, common.size, median_m, limit_m, assumed)
     ties = [(tie_of(dem.product) or (_UNKNOWN_TIE_M, ""))[0] for dem in dems]
     apart = ground.apart(*(Sigmas(0.0, tie_m, 0.0) for tie_m in ties))

@@ -243,7 +243,7 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
     dems = request.ground
     dems.require_surface()
     area, grows = area_of(request)
-    warn_of_disagreements(dems, area.bounds)
+    warn_of_disagreements(dems, area.bounds, shifts=False)
     warn_of_doubts(dems, area.bounds)
     light = request.lighting(area.frame)
     terrain, view, ring = _ground(request, area, grows, light)
