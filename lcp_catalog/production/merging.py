@@ -34,7 +34,7 @@ from ..catalog.shards import Shard
 from ..catalog.stored import content_sha256, sharded
 from ..catalog.writing import new_catalog, write_catalog
 from ..choices import INDEX
-from ..errors import CatalogError, ConfigError, not_a, printable
+from ..errors import AreaError, CatalogError, ConfigError, not_a, printable
 from ..geometry.bounds import enclosing_bounds, turned_deg
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select
@@ -197,8 +197,11 @@ class _Input:
         for config in found:
             if config.area.gsd_m is None:
                 raise CatalogError(f"{self.path}: its configuration does not state the cell size")
-            if config.area.region is None:
-                raise CatalogError(f"{self.path}: its configuration states no region")
+            try:
+                if config.area.region is None:
+                    raise CatalogError(f"{self.path}: its configuration states no region")
+            except AreaError as error:
+                raise CatalogError(f"{self.path}: its configuration is invalid: {error}") from error
         other = ~np.isin(self.catalog.gsd, [config.area.gsd_m or 0.0 for config in found])
         if other.any():
             size = self.catalog.gsd[np.argmax(other)]

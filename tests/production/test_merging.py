@@ -403,6 +403,10 @@ def test_albedo_of_one_input(inputs: list[Catalog], paths: list[Path], tmp_path:
         ({"config": merges.config(3.2, 4.9).replace("bounds_deg", "#")}, "states no region"),
         ({"config": "merged = 3\n"}, "does not say what it was merged from"),
         ({"config": merges.config(3.2, 4.9) + "[points.more]\n"}, "configuration is invalid"),
+        (
+            {"config": merges.config(3.2, float("inf"))},
+            r"\.h5: its configuration is invalid: longitude inf",
+        ),
     ],
 )
 def test_what_does_not_go_together_is_one_line(
