@@ -113,9 +113,11 @@ def _compared(one: Layer[Dem], other: Layer[Dem], box: Bounds, shifts: bool) -> 
     median_m = float(np.median(common))
     if median_m > limit_m or not shifts:
         return Disagreement(names, common.size, median_m, limit_m, assumed)
-    ties = [(tie_of(dem.product) or (_UNKNOWN_TIE_M, ""))[0] for dem in dems]
-    apart = ground.apart(*(Sigmas(0.0, tie_m, 0.0) for tie_m in ties))
-    return Disagreement(names, common.size, median_m, limit_m, assumed, *apart)
+    here, there = (
+        Sigmas(0.0, (tie_of(dem.product) or (_UNKNOWN_TIE_M, ""))[0], 0.0) for dem in dems
+    )
+    apart_m, sigma_m, most_m = ground.apart(here, there)
+    return Disagreement(names, common.size, median_m, limit_m, assumed, apart_m, sigma_m, most_m)
 
 
 def _shared(one: Layer[Dem], other: Layer[Dem], box: Bounds) -> SharedGround | None:
@@ -124,9 +126,11 @@ def _shared(one: Layer[Dem], other: Layer[Dem], box: Bounds) -> SharedGround | N
     lon, lat = _centres(one, other, box)
     if not len(lon):
         return None
-    height = one.sample(*_cluster(lon, lat, gsd_m, _NODES), gsd_m).height
+    lons, lats = _cluster(lon, lat, gsd_m, _NODES)
+    height = one.sample(lons, lats, gsd_m).height
     side = _NODES + 2 * (REACH + 1)
-    raster = other.sample(*_cluster(lon, lat, gsd_m, side), gsd_m).height
+    lons, lats = _cluster(lon, lat, gsd_m, side)
+    raster = other.sample(lons, lats, gsd_m).height
     row, column = np.mgrid[:_NODES, :_NODES].reshape(2, 1, -1) + REACH + 1.0
     place = np.broadcast_to(np.stack([row, column]), (2, len(lon), _NODES**2))
     along = np.array([[0.0, 1.0], [1.0, 0.0]])[:, :, None, None] / gsd_m
