@@ -18,13 +18,13 @@ BEST = "best.toml"
 KNOBS_HEADING = "Every approximation"
 
 KNOBS_EXPLAINED = (
-    "One alternative at a time around the configuration, computed on the same areas; time is processor time, over the median of runs of the "
+    "One alternative at a time around the configuration, computed on the same areas; time is processor time, by the work of all areas of the build, over the median of runs of the "
     "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference. Candidates within "
     f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
     "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
-    "median over windows, lowest Suns. Not taken for a budget, since their catalogue answers other questions: "
-    + ", ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
-    + "; nor what keeps less than half of the places and of the points."
+    "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
+    + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
+    + ". Nor is what keeps less than half of the places and of the points."
 )
 
 
