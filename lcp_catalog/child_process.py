@@ -146,12 +146,12 @@ def _fresh(given: tuple[Any, ...], writer: int) -> int:
 
 
 def _limit(seconds: float, memory_mb: float) -> None:
-    """Limit the processor time, the memory beyond what is in use, and dumps of crashes."""
+    """Limit the processor time and the memory beyond what imports have taken, and dumps of crashes."""
     used = 0
     with suppress(OSError, ValueError):
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     for kind, most in (
-        (resource.RLIMIT_CPU, int(seconds) + 1),
+        (resource.RLIMIT_CPU, int(seconds + time.process_time()) + 1),
         (resource.RLIMIT_AS, used + int(memory_mb * 1e6)),
         (resource.RLIMIT_CORE, 0),
     ):
