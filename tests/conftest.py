@@ -158,6 +158,29 @@ def resolution_of_equal_heights() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def rasters_opened_here() -> Iterator[None]:
+    """A raster that is no plain GeoTIFF is opened without the process of its own before, which shows whether GDAL waits
+    for the writer of a pipe and takes 0.2 s for each new file. Tests of pipes ask for `rasters_apart`.
+    """
+    from lcp_catalog.dem import raster_files
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(raster_files, "call_apart", lambda function, name, seconds: None)
+        yield
+
+
+@pytest.fixture
+def rasters_apart() -> Iterator[None]:
+    """Rasters are opened as for users: in another process first, where GDAL could wait for a pipe."""
+    from lcp_catalog.child_process import call_apart
+    from lcp_catalog.dem import raster_files
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(raster_files, "call_apart", call_apart)
+        yield
+
+
 @pytest.fixture
 def checks_apart() -> Iterator[None]:
     """Each check of a catalogue's file has a process of its own, as for users: for files that may crash HDF5."""

@@ -36,6 +36,8 @@ from lcp_catalog.photometry.albedo_map import AlbedoMap
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 
+pytestmark = pytest.mark.usefixtures("rasters_apart")
+
 SIDE = 8
 NO_FILE = "which is no plain file on this machine"
 
@@ -277,7 +279,7 @@ def test_nothing_waits_for_the_writer_of_a_pipe(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(child_process, "_WALL_FACTOR", 1.0)
+    monkeypatch.setattr(child_process, "_WALL_FACTOR", 3.0)  # a busy machine starts it in 1 s
     path = make(tmp_path)
     timer = threading.Timer(60.0, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
