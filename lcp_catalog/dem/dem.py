@@ -236,4 +236,6 @@ def _gdal_scale(dataset: Any, path: Path) -> tuple[float, float]:
         offset = 0.0
     if dataset.dtypes[0] == "uint8" and scale == 1.0 and offset == 0.0:
         raise DemError(f"{path}: 8-bit samples are an image, not heights")
+    if dataset.dtypes[0].startswith("complex"):
+        raise DemError(f"{path}: complex samples are not heights")
     return scale * metres, offset * metres

@@ -52,14 +52,18 @@ def doubts(
     declare = "declare it (MISSING_CONSTANT in a label; gdal_translate -a_nodata {} for a GeoTIFF)"
     if stuck.zeros:
         yield (
-            f"{100.0 * stuck.zeros / pixels:.2g} % of the pixels lie in lines or blocks of zeros, like missing data written as 0; "
+            f"{_percent(stuck.zeros / pixels)} % of the pixels lie in lines or blocks of zeros, like missing data written as 0; "
             f"{declare.format(0)}"
         )
     if stuck.others and relief_m > 0.0:
         yield (
-            f"{100.0 * stuck.others / pixels:.2g} % of the pixels lie in lines of equal heights, longer than those of any "
+            f"{_percent(stuck.others / pixels)} % of the pixels lie in lines of equal heights, longer than those of any "
             f"ground, like missing data written as a height; {declare.format('HEIGHT')}"
         )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f}" if share >= 0.1 else f"{100.0 * share:.2g}"
 
 
 def warn_of_doubts(dems: DemSet, box: Bounds, side: int = 256) -> None:

@@ -176,6 +176,22 @@ def test_each_command_says_once_that_heights_are_kilometres(
     assert len({one.getMessage() for one in caplog.records if KILOMETRES in one.getMessage()}) == 1
 
 
+def test_shares_are_plain_numbers(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = written(tmp_path / "zero.tif", np.zeros((40, 40), np.float32))
+    assert run(["dem", "info", str(path)]) == 0
+    assert "100 % of the pixels lie in" in caplog.text
+
+
+@pytest.mark.parametrize("command", ["info", "check"])
+def test_complex_samples_are_no_heights(
+    command: str, hadley: np.ndarray, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path / "radar.tif", hadley[:40, :40].astype(np.complex64))
+    assert run(["dem", command, str(path)]) != 0
+    said = capsys.readouterr()
+    assert "radar.tif: complex samples are not heights" in said.out + said.err
+
+
 @pytest.mark.parametrize(("rows", "cols"), [(1, 40), (2, 2), (1, 1), (2, 40)])
 def test_each_command_says_that_a_dem_is_too_small(
     rows: int,
