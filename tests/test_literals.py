@@ -60,7 +60,6 @@ LISTED: dict[str, str] = {
         rendering.public 0.001
         rendering.request 500
         production.area_job 1e6 1e6
-        production.kept_ground 1e6
         production.run 1000
         production.promise 400
     """,

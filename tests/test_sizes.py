@@ -171,7 +171,8 @@ BUDGETS = {
     # 164 a budget on three regions
     # 113 figures with commits, times on three regions
     # 79 which ground must agree
-    "words of docs": 58462,
+    # 97 what claims, the belt, camera rays and two passes take
+    "words of docs": 58559,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
