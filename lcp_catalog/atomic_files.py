@@ -21,6 +21,7 @@ from typing import Any, cast
 
 from .choices import same_format
 from .errors import ConfigError, OutputError, OutputExistsError, printable, unread
+from .file_kinds import plain_opener
 from .remote_files import archive_of, server_state, url_of
 
 log = logging.getLogger(__name__)
@@ -121,7 +122,7 @@ def folder_aside(
 
     Raises as `check_output` does. With ``overwrite`` an existing folder is replaced, at once where the
     system can exchange two names (`_exchange`); OutputError if it holds anything that its own
-    `MANIFEST` does not name.
+    `MANIFEST` does not name, or another file by one of its names.
     """
     inputs = tuple(inputs)
     target = _check_new_folder(path, overwrite, inputs)
@@ -165,20 +166,39 @@ def _check_new_folder(path: Path | str, overwrite: bool, inputs: Iterable[Path |
     for read in inputs:
         if Path(os.path.realpath(read)).is_relative_to(target):
             raise OutputError(f"{path}: holds {read}, which is read; name another folder")
-    named = {Path(MANIFEST)}
-    with suppress(FileNotFoundError):
-        lines = (target / MANIFEST).read_text(encoding="utf-8", errors="replace").splitlines()
-        named |= {Path(line[66:]) for line in lines}
-    named |= {above for file in named for above in file.parents}
+    sums = _exported(target)
+    folders = {above for file in sums for above in file.parents}
     for file in sorted(target.rglob("*")):
-        if file.relative_to(target) not in named:
+        name = file.relative_to(target)
+        if name in sums:
+            foreign = _is_changed(file, sums[name]) and "was changed since it was exported"
+        else:
+            foreign = name not in folders and "is no part of an export"
+        if foreign:
             raise OutputError(
-                f"{path}: holds {file.relative_to(target)}, which is no part of an export; move it, or "
-                "name another folder"
+                f"{path}: holds {name}, which {foreign}; move it, or name another folder"
             )
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise OutputError(f"{path}: no permission to write into {target.parent}")
     return target
+
+
+def _exported(folder: Path) -> dict[Path, str]:
+    """The files of a folder that its manifest names, with their sums, and the manifest; none without one."""
+    manifest = folder / MANIFEST
+    if not manifest.is_file():
+        return {}
+    with open(manifest, encoding="utf-8", errors="replace", opener=plain_opener) as file:
+        return {Path(line[66:]): line[:64] for line in file.read().splitlines()} | {
+            Path(MANIFEST): ""
+        }
+
+
+def _is_changed(file: Path, sum_256: str) -> bool:
+    """True for a file that has not the sum of its manifest; the manifest has none (empty)."""
+    if file.is_symlink() or not file.is_file():
+        return True
+    return bool(sum_256) and file_facts([file])[0]["sha256"] != sum_256
 
 
 _LOCK, _FORMER = "lcp.lock", ".former"

@@ -155,10 +155,14 @@ def _limit(seconds: float, memory_mb: float) -> None:
         (resource.RLIMIT_AS, used + int(memory_mb * 1e6)),
         (resource.RLIMIT_CORE, 0),
     ):
-        hard = resource.getrlimit(kind)[1]
-        least = most if hard == resource.RLIM_INFINITY else min(most, hard)
         with suppress(OSError, ValueError):  # a system that lacks this limit
-            resource.setrlimit(kind, (least, hard))
+            resource.setrlimit(kind, (_least(kind, most), resource.getrlimit(kind)[1]))
+
+
+def _least(kind: int, most: int) -> int:
+    """The smaller of a limit and that of this process."""
+    limit = resource.getrlimit(kind)[0]
+    return most if limit == resource.RLIM_INFINITY else min(most, limit)
 
 
 def _received(reader: int, deadline: float) -> tuple[bytes, bool]:
@@ -177,9 +181,13 @@ def _result(content: bytes, status: int, seconds: float, memory_mb: float) -> An
     if code == 0:
         return json.loads(content)
     if code in (-signal.SIGXCPU, -signal.SIGKILL):
-        raise ChildFailedError(f"takes more than {seconds:.0f} s, or was killed")
+        raise ChildFailedError(
+            f"takes more than {seconds:.0f} s of processor time or {_WALL_FACTOR * seconds:.0f} s in all, "
+            "or was killed"
+        )
     if code == _OUT_OF_MEMORY:
-        raise ChildFailedError(f"needs more than {memory_mb:.0f} MB of memory")
+        most = _least(resource.RLIMIT_AS, int(memory_mb * 1e6))
+        raise ChildFailedError(f"needs more than {most / 1e6:.0f} MB of memory")
     raise ChildFailedError(
         f"crashed with signal {-code}" if code < 0 else f"ended with code {code}"
     )

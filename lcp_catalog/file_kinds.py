@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import stat
 from pathlib import Path
 
 _BEGINNINGS = (
@@ -14,6 +17,22 @@ _BEGINNINGS = (
     (b"LCPF", "a flight file"),
     (b"{", "a JSON file, such as a camera"),
 )
+
+
+def plain_opener(path: str, flags: int) -> int:
+    """An opener for `open` that does not wait for the writer of a pipe: OSError for what is no plain file."""
+    opened = os.open(path, flags | os.O_NONBLOCK)
+    if not stat.S_ISREG(os.fstat(opened).st_mode):
+        os.close(opened)
+        raise OSError(errno.EINVAL, "is not a plain file", path)
+    return opened
+
+
+def no_file(path: Path, wanted: str) -> str:
+    """Why a path is no file: ``is a folder, not a DEM``."""
+    if path.is_dir():
+        return f"is a folder, not {wanted}"
+    return "is not a plain file" if path.exists() else "there is no such file"
 
 
 def other_kind(path: Path | str, wanted: str, raster: bool = False) -> str:

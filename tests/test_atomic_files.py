@@ -287,6 +287,29 @@ def test_a_folder_with_a_file_of_the_user_is_refused_and_nothing_moves(tmp_path,
     assert (out / theirs).exists()
 
 
+def test_a_file_of_an_export_that_was_changed_is_kept(tmp_path):
+    """Also a link, and a pipe that stands for the manifest: nothing waits for its writer."""
+    out = tmp_path / "maps"
+    with folder_aside(out) as aside:
+        (aside / "one.lmk").write_bytes(b"1")
+    exported = out / "one.lmk"
+    exported.write_bytes(b"mine")
+    with pytest.raises(OutputError, match=r"one\.lmk, which was changed"), folder_aside(out, True):
+        raise AssertionError("refused before anything is written")
+    exported.unlink()
+    exported.symlink_to(tmp_path)
+    with pytest.raises(OutputError, match=r"one\.lmk, which was changed"), folder_aside(out, True):
+        pass
+    exported.unlink()
+    exported.write_bytes(b"1")
+    with folder_aside(out, True) as aside:
+        (aside / "one.lmk").write_bytes(b"2")
+    (out / MANIFEST).unlink()
+    os.mkfifo(out / MANIFEST)
+    with pytest.raises(OutputError, match="no part of an export"), folder_aside(out, True):
+        pass
+
+
 def test_a_folder_that_holds_what_is_read_is_refused(tmp_path):
     out = tmp_path / "maps"
     for _ in range(2):

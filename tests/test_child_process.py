@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -39,6 +42,26 @@ def test_what_goes_wrong_is_said(
     with pytest.raises(ChildFailedError, match=says):
         call_apart(function, "x", 1.0, memory_mb=200.0)
     assert capfd.readouterr() == ("", "")
+
+
+_LIMITED = """
+import resource
+from helpers import misbehaviour
+from lcp_catalog.child_process import ChildFailedError, call_apart
+resource.setrlimit(resource.RLIMIT_AS, (600_000_000, 600_000_000))
+try:
+    call_apart(misbehaviour.hoard, "x", 1.0, memory_mb=16_000.0)
+except ChildFailedError as error:
+    print(error)
+"""
+
+
+def test_the_smaller_limit_is_the_one_that_is_said() -> None:
+    tests = str(Path(__file__).parent)
+    variables = os.environ | {"PYTHONPATH": tests, "OPENBLAS_NUM_THREADS": "1"}
+    run = [sys.executable, "-c", _LIMITED]
+    said = subprocess.run(run, env=variables, capture_output=True, text=True, check=True).stdout
+    assert said == "needs more than 600 MB of memory\n"
 
 
 def test_a_function_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:

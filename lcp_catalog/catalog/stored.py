@@ -21,7 +21,7 @@ import numpy as np
 from ..arrays import AnyArray, Index
 from ..atomic_files import file_state
 from ..errors import CatalogError
-from ..file_kinds import other_kind
+from ..file_kinds import other_kind, plain_opener
 from .catalogue import Catalog
 from .file_structure import global_names, group_names, has_group, variables
 from .integrity import CONTENT, HDF5_ERRORS, ChunkDigests, Known, UnreadError, line_of
@@ -100,7 +100,7 @@ class StoredFile:
         """Why HDF5 does not open the file. What it opened may be another one, and the name mean this one again."""
         try:
             line_of(error)
-            with open(self.path, "rb", opener=_without_waiting) as stream:
+            with open(self.path, "rb", opener=plain_opener) as stream:
                 if file_state(os.fstat(stream.fileno())) == self.stamp:
                     h5py.File(stream, "r").close()
             return _CHANGED
@@ -108,10 +108,6 @@ class StoredFile:
             return str(unread)
         except HDF5_ERRORS:
             return other_kind(self.path, "a catalogue") or "not an HDF5 file, or cut short"
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def _damage(error: BaseException) -> str:

@@ -30,6 +30,7 @@ from rasterio.windows import Window
 from ..arrays import Float32
 from ..atomic_files import file_state
 from ..errors import DemError, LabelError
+from ..file_kinds import no_file
 from ..remote_files import archive_of, first_state, gdal_name, url_of
 from .grid import Grid
 from .raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster, opened
@@ -355,9 +356,7 @@ def unit_m(dataset: Any) -> float:
 def require_file(path: Path, kind: str) -> None:
     """DemError for a path that is no file; ``kind``: what it should be."""
     if url_of(path) is None and not (archive_of(path) or path).is_file():
-        raise DemError(
-            f"{path}: {f'is a folder, not {kind}' if path.is_dir() else 'there is no such file'}"
-        )
+        raise DemError(f"{path}: {no_file(path, kind)}")
 
 
 def _dataset(path: Path, fresh: Any = None) -> Any:

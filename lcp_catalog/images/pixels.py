@@ -32,6 +32,7 @@ from ..arrays import Mask
 from ..choices import ENCODINGS
 from ..dem.raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster
 from ..errors import DemError, ImageError, LabelError, LcpError
+from ..file_kinds import no_file
 from ..pds.label_files import find_label
 from ..pds.pds3 import read_label_text
 from ..pds.pds4 import is_pds4
@@ -278,7 +279,7 @@ def _from_memory(file: Any) -> Iterator[Any]:
 def _pixels_of(path: Path) -> Path:
     """Path that GDAL opens: the label, for an .IMG file of PDS3 or PDS4 with a detached label."""
     if not path.is_file():
-        raise ImageError(f"{path}: the image file does not exist")
+        raise ImageError(f"{path}: {no_file(path, 'an image')}")
     if path.suffix.lower() != ".img":
         return path
     try:

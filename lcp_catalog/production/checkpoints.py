@@ -40,6 +40,7 @@ from ..atomic_files import (
     write_aside,
 )
 from ..errors import AreaFailedError, OutputExistsError, printable
+from ..file_kinds import plain_opener
 from ..rendering.plan import ScenePlan
 from .code_facts import differences
 from .finished_area import TABLE, FinishedArea, checksums
@@ -279,7 +280,7 @@ class Checkpoints:
         another area or run (it is computed again).
         """
         try:
-            with self.path(name).open("rb", buffering=0) as stream:
+            with open(self.path(name), "rb", buffering=0, opener=plain_opener) as stream:
                 return self._read(name, stream)
         except OSError:
             return None
@@ -310,7 +311,7 @@ class Checkpoints:
         """
         try:
             file = f"{self.folder}{os.sep}{name}{_AREA}"  # a path of pathlib takes longer to make
-            with open(file, "rb", buffering=_SMALL_BYTES) as stream:
+            with open(file, "rb", buffering=_SMALL_BYTES, opener=plain_opener) as stream:
                 area = self._read(name, stream)
                 if area is not None and _are_whole(stream, area):
                     return True

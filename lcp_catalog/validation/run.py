@@ -27,6 +27,7 @@ from ..errors import (
     LcpError,
     SunError,
 )
+from ..file_kinds import no_file
 from ..geometry.frames import Direction, EnuFrame, lonlat_to_mcmf
 from ..images.image import Image
 from ..images.image_file import ImageOptions, decoded, open_image, refuse_heights
@@ -104,9 +105,9 @@ class ImageFiles:
     def require(self) -> None:
         """Raise ImageError or CameraError if a file does not exist, ImageError for a DEM."""
         if not self.image.is_file():
-            raise ImageError(f"{self.image}: there is no such file")
+            raise ImageError(f"{self.image}: {no_file(self.image, 'an image')}")
         if self.camera is not None and not self.camera.is_file():
-            raise CameraError(f"{self.camera}: there is no such file")
+            raise CameraError(f"{self.camera}: {no_file(self.camera, 'a camera')}")
         refuse_heights(self.image)
 
 

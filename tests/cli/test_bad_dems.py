@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -82,6 +83,12 @@ def file_of(name: str, data: bytes | None) -> Callable[[dict[str, Product], Path
     return make
 
 
+def _pipe(made: dict[str, Product], folder: Path) -> Path:
+    path = folder / "dem.tif"
+    os.mkfifo(path)
+    return path
+
+
 def tif(
     crs: str | None = products.EQC,
     affine: Affine | None = None,
@@ -138,6 +145,7 @@ CASES: dict[str, tuple[Callable[[dict[str, Product], Path], Path], str]] = {
     "west-positive": (label_with("LDEM_64.IMG", POSITIVE_LONGITUDE_DIRECTION='"WEST"'), "west-positive longitudes"),
     "offsets-against-bounds": (label_with("LDEM_64.IMG", LINE_PROJECTION_OFFSET=0), "puts the north edge at"),
     "folder": (file_of("folder", None), "is a folder, not a DEM"),
+    "pipe": (_pipe, "is not a plain file"),
     "nothing": (lambda made, folder: folder / "none.tif", "there is no such file"),
     "empty-file": (file_of("empty.tif", b""), "not a DEM that can be read"),
     "empty-label": (file_of("empty.LBL", b""), "not a PDS3 label"),

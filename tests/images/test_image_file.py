@@ -182,8 +182,8 @@ def test_the_camera_goes_before_the_label(tmp_path: Path, caplog: pytest.LogCapt
 
 def test_files_that_are_not_images(tmp_path: Path) -> None:
     camera = files.camera_over(SHAPE)
-    refused("the image file does not exist", tmp_path / "none.tif", camera)
-    refused("the image file does not exist", tmp_path, camera)
+    refused("there is no such file", tmp_path / "none.tif", camera)
+    refused("is a folder, not an image", tmp_path, camera)
     text = tmp_path / "a.txt"
     text.write_text("not an image")
     refused("not an image that can be read here", text, camera)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,14 @@ def test_every_flipped_bit_is_noticed(checkpoints: Checkpoints) -> None:
         assert not checkpoints.is_whole(name), length
     path.write_bytes(whole)
     assert not dataclasses.replace(checkpoints, fingerprint="cd" * 32).is_whole(name)
+
+
+def test_a_pipe_in_the_place_of_a_checkpoint_counts_as_damaged(checkpoints: Checkpoints) -> None:
+    """Nothing waits for its writer."""
+    checkpoints.path(NAMES[0]).unlink(missing_ok=True)
+    os.mkfifo(checkpoints.path(NAMES[0]))
+    assert not checkpoints.is_whole(NAMES[0])
+    assert checkpoints.read(NAMES[0]) is None
 
 
 def test_a_checkpoint_is_of_its_area_alone(
