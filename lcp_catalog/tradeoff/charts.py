@@ -173,7 +173,9 @@ def knobs_chart(rows: list[Row]) -> Markup:
         Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
         width=820.0, height=460.0, left=92.0, right=190.0, top=18.0, bottom=64.0,
     )  # fmt: skip
-    best = front(some, "seconds_relative", "conditions_changed_share")
+    best = front(
+        [row for row in some if _differs(row)], "seconds_relative", "conditions_changed_share"
+    )
     at = [
         axes.at([r["seconds_relative"]], [_drawn(r["conditions_changed_share"], decades)])
         for r in some
@@ -201,6 +203,12 @@ def knobs_chart(rows: list[Row]) -> Markup:
     return axes.draw(
         Markup().join([line, *names, *marks]), "changed conditions over time", css="pareto"
     )
+
+
+def _differs(row: Row) -> bool:
+    """False for a row whose time is not told from that of the configuration by its interval."""
+    around = row["seconds_interval"]
+    return not row["knob"] or around is None or not around[0] <= 1.0 <= around[1]
 
 
 def _name(row: Row) -> str:

@@ -81,7 +81,7 @@ def knobs_said(trade: Trade) -> str:
 def _build_time(row: Row) -> str:
     around = row["build_interval"]
     between = f" ({number(around[0], 3)} to {number(around[1], 3)})" if around else ""
-    return f"{number(row['build_seconds'], 3)} s{between} for the whole build with its start"
+    return f"{number(row['build_seconds'], 3)} s{between} for the whole build with its start, without cures that are tried for a promise"
 
 
 def _elsewhere(row: Row) -> str:

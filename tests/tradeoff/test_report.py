@@ -9,7 +9,7 @@ import numpy as np
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.tradeoff import report
-from lcp_catalog.tradeoff.charts import front, pareto
+from lcp_catalog.tradeoff.charts import front, knobs_chart, pareto
 
 
 def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[str, Any]:
@@ -68,6 +68,20 @@ def test_advice_follows_its_rules() -> None:
 def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:
     rows = [row("draft", 3.0, 1e-3), row("standard", 12.0, 1e-4), row("high", 6.0), row("reference", 10.0)]  # fmt: skip
     assert [r["accuracy"] for r in front(rows)] == ["draft", "high"]
+
+
+def test_an_alternative_whose_saving_is_not_certain_is_not_on_the_front() -> None:
+    def alternative(knob: str, time: float, to: float, changed: float) -> dict[str, Any]:
+        around = {"seconds_relative": time, "seconds_interval": [time, to]}
+        changes = {"conditions_changed_share": changed, "interval": None}
+        return {"knob": knob, "value": "x", **around, **changes}
+
+    some = [("", 1.0, 1.1, 0.0), ("sure", 0.8, 0.9, 0.01), ("unsure", 0.9, 1.03, 0.0)]
+    plot = str(knobs_chart([alternative(*one) for one in some]))
+    assert re.findall(r"<text [^>]*>([^<]*: x|your configuration)<", plot) == [
+        "your configuration",
+        "sure: x",
+    ]
 
 
 def test_a_tier_without_errors_stands_below_the_axis() -> None:
