@@ -171,25 +171,23 @@ def rasters_opened_here() -> Iterator[None]:
 
 
 @pytest.fixture
-def rasters_apart() -> Iterator[None]:
+def rasters_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rasters are opened as for users: in another process first, where GDAL could wait for a pipe."""
     from lcp_catalog.child_process import call_apart
     from lcp_catalog.dem import raster_files
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(raster_files, "call_apart", call_apart)
-        yield
+    monkeypatch.setattr(raster_files, "call_apart", call_apart)
 
 
 @pytest.fixture
-def checks_apart() -> Iterator[None]:
-    """Each check of a catalogue's file has a process of its own, as for users: for files that may crash HDF5."""
+def checks_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each check of a catalogue's file has a process of its own, as for users: for files that may crash HDF5. By the
+    fixture that a test takes for more, which would else put this one back for all later tests.
+    """
     from lcp_catalog.catalog import verification
     from lcp_catalog.child_process import call_apart
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verification, "call_apart", call_apart)
-        yield
+    monkeypatch.setattr(verification, "call_apart", call_apart)
 
 
 @pytest.fixture(scope="module")

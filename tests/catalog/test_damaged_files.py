@@ -255,6 +255,7 @@ def test_a_file_that_changes_after_it_was_opened_is_refused(copy: Path) -> None:
         _ = found.latitude
 
 
+@pytest.mark.usefixtures("checks_apart")
 @pytest.mark.parametrize("what", ["open", "close"])
 def test_a_system_that_fails(
     what: str, copy: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
