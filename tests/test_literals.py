@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -162,6 +163,7 @@ def _numbers(node: ast.AST, limit: bool) -> Iterator[float]:
         yield from _numbers(part, own)
 
 
+@cache
 def literals(source: str) -> Counter[float]:
     """The numbers in functions and in classes of a module that need a reason."""
     found: Counter[float] = Counter()
