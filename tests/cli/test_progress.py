@@ -230,10 +230,10 @@ import time
 from lcp_catalog.rendering import public
 from lcp_cli.main import main
 prepare = public.prepare
-public.prepare = lambda request: time.sleep(1.5) or prepare(request)
+public.prepare = lambda request: time.sleep(2.5) or prepare(request)
 main()
 """
-"""A render that takes 1.5 s longer."""
+"""A render that takes 2.5 s longer: a beat may be late on a busy machine."""
 
 
 def test_a_command_without_steps_says_that_it_works(tmp_path: Path) -> None:
@@ -242,12 +242,12 @@ def test_a_command_without_steps_says_that_it_works(tmp_path: Path) -> None:
     words += ["--sun-azimuth", "90", "--sun-elevation", "2", "-o"]
     command = [sys.executable, "-c", SLOW, *map(str, words)]
     ended = subprocess.run([*command, tmp_path / "a.tif"], capture_output=True, check=True)
-    assert re.match(rb"render: [a-z ]+, 1 s so far\n", ended.stderr)
+    assert re.match(rb"render: [a-z ]+, [12] s so far\n", ended.stderr)
     ours, theirs = pty.openpty()
     ended = subprocess.run([*command, tmp_path / "b.tif"], stderr=theirs, check=True)
     os.close(theirs)
     seen = os.read(ours, 100_000)
-    assert re.match(rb"\rrender: [a-z ]+, 1 s so far\x1b\[K", seen)
+    assert re.match(rb"\rrender: [a-z ]+, [12] s so far\x1b\[K", seen)
     assert seen.endswith(b"\r\x1b[K")
 
 
