@@ -227,10 +227,10 @@ def test_the_heart_beats_while_a_step_runs(
 
 SLOW = """
 import time
-from lcp_catalog.rendering import public
+from lcp_catalog.rendering import pipeline
 from lcp_cli.main import main
-prepare = public.prepare
-public.prepare = lambda request: time.sleep(2.5) or prepare(request)
+prepare = pipeline.prepare
+pipeline.prepare = lambda request: time.sleep(2.5) or prepare(request)
 main()
 """
 """A render that takes 2.5 s longer: a beat may be late on a busy machine."""
