@@ -25,7 +25,7 @@ import numpy as np
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import Time, Times, instants
-from ..errors import CameraError, package, unknown_keys, unread
+from ..errors import CameraError, package, printable, unknown_keys, unread
 from .frame_camera import Camera
 from .isd import Tables, frame_from_isd, plane_of_isd, sensor_from_isd
 from .json_fields import JsonFields
@@ -78,6 +78,7 @@ def loaded(kernels: Path | str | Sequence[Path | str]) -> Iterator[Any]:
         for one in [kernels] if isinstance(kernels, Path | str) else kernels:
             if not Path(one).is_file():
                 raise unread(one, FileNotFoundError())
+            _refuse_pipes(Path(one))
             done.append(str(one))  # a meta-kernel that fails half-way has loaded some
             before = spice.ktotal("ALL")
             with _explained(spice, f"{one}: SPICE cannot load it"):
@@ -96,6 +97,24 @@ def kernel_files(path: Path | str) -> list[Path]:
     with loaded(path) as spice:
         names = [spice.kdata(k, "ALL")[0] for k in range(spice.ktotal("ALL"))]
     return [Path(name) for name in names]
+
+
+def _refuse_pipes(path: Path) -> None:
+    """CameraError for a meta-kernel that names a pipe or a device, for whose writer SPICE would wait."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(1_000_000)
+    except OSError as error:
+        raise unread(path, error) from error
+    names = [os.fsdecode(name) for name in re.findall(rb"'([^'\n\0]*)'", start)]
+    folders = [name for name in names if os.path.isdir(name)]  # values of path symbols
+    for name in names:
+        signs = re.findall(r"\$\w+", name)
+        for place in [name.replace(sign, at) for sign in signs for at in folders] or [name]:
+            if os.path.exists(place) and not (os.path.isfile(place) or os.path.isdir(place)):
+                raise CameraError(
+                    f"{path}: names {printable(place)}, which is no plain file; give kernels as files"
+                )
 
 
 def _check_whole(path: str) -> None:

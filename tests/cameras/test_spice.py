@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -64,6 +65,23 @@ def test_a_framing_camera_sees_what_spice_sees(meta: Path, when: str) -> None:
 def _below(position: np.ndarray) -> tuple[float, float]:
     x, y, z = position
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+@pytest.mark.parametrize("symbol", [False, True])
+def test_a_meta_kernel_that_names_a_pipe_is_refused(tmp_path: Path, symbol: bool) -> None:
+    """SPICE would wait for its writer; the name may begin with a path symbol."""
+    os.mkfifo(tmp_path / "p.bsp")
+    named = "$HERE/p.bsp" if symbol else f"{tmp_path}/p.bsp"
+    path = tmp_path / "m.tm"
+    path.write_text(
+        f"KPL/MK\n\\begindata\nPATH_VALUES = ( '{tmp_path}' )\nPATH_SYMBOLS = ( 'HERE' )\n"
+        f"KERNELS_TO_LOAD = ( '{named}' )\n\\begintext\n"
+    )
+    with (
+        pytest.raises(CameraError, match=r"m\.tm: names .*p\.bsp, which is no plain file"),
+        loaded(path),
+    ):
+        pass
 
 
 def test_the_camera_is_over_the_place_of_the_orbit(meta: Path) -> None:
