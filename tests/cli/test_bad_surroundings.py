@@ -59,7 +59,7 @@ def test_libraries_that_do_not_fit_in_memory(tmp_path: Path, limit_mb: int) -> N
 def test_advice_for_memory_is_what_a_command_can_do(
     command: str, advice: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    found = main.cli.get_command(None, command)  # type: ignore[arg-type]  # for no context
+    found = main.cli.get_command(click.Context(main.cli), command)
     names.runs(found)
     assert exit_code_of(MemoryError()) == 1
     names.runs(None)

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from helpers.small_rasters import ISIS_OF_A_PIPE
 from lcp_cli import main
 from lcp_cli.signals import Stopped, stopping_signals
 
@@ -74,27 +75,6 @@ def test_a_signal_that_a_library_loses_ends_the_run(
     assert capsys.readouterr().err.strip().count("\n") == 0
 
 
-LABEL = """Object = IsisCube
-  Object = Core
-    StartByte = 1
-    Format = BandSequential
-    ^Core = pipe
-    Group = Dimensions
-      Samples = 8
-      Lines = 8
-      Bands = 1
-    End_Group
-    Group = Pixels
-      Type = Real
-      ByteOrder = Lsb
-      Base = 0.0
-      Multiplier = 1.0
-    End_Group
-  End_Object
-End_Object
-End
-"""
-
 BUSY = """
     while True:
         try:
@@ -114,7 +94,7 @@ BUSY = """
     ids=["callback", "busy"],
 )  # fmt: skip
 def test_a_process_ends_wherever_a_signal_finds_it(work: str, says: str, tmp_path: Path) -> None:
-    (tmp_path / "x.cub").write_text(LABEL)
+    (tmp_path / "x.cub").write_text(ISIS_OF_A_PIPE)
     os.mkfifo(tmp_path / "pipe")
     code = (
         "import rasterio, time\nfrom lcp_cli import main, signals\nsignals._LONGEST_S = 1.0\n"
