@@ -17,6 +17,7 @@ from .build_options import OPTIONS, PartParam, build_options
 from .files import FileCommand, InputFile
 from .groups import collected
 from .messages import echo, log_format_option, say
+from .names import option as option_of
 from .options import check_outputs, dem_argument, depfile_option, output_option, overwrite_option
 from .value_types import POSITIVE, Number
 from .warm_up import compile_missing
@@ -424,6 +425,8 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
     share = build.claimed_share
     if share is not None:
         document["claimed_share"] = share
+    for level in (document, *document.get("levels", ())):
+        _name_switches(level["decisions"])
     if as_json:
         echo(json.dumps(document, indent=2))
         return
@@ -432,7 +435,7 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
         echo(f"claims for {100.0 * share:.0f} % of the camera's pixels, by the views")
     if (turned := document["one_direction"])["flags_changed"] > 0.0005:
         echo(
-            f"one Sun direction an area: about {turned['flags_changed']:.1%} of the unshadowed flags at "
+            f"one Sun direction an area: about {100.0 * turned['flags_changed']:.1f} % of the unshadowed flags at "
             f"{turned['sun_elevation']:g} deg of Sun are others than under the points' own Suns (-v: more)"
         )
     if worth := document.get("albedo_worth"):
@@ -447,8 +450,26 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
                 + _plan_text(level, workers).replace("\n", "; ")
             )
         for decision in document["decisions"]:
-            modelled = "modelled" if decision["modelled"] else "not modelled"
-            echo(f"  {decision['effect']}: {modelled}; {decision['reason']}")
+            echo(_decision_text(decision))
+        matching = 100.0 * document["matching_cost"]
+        echo(f"  candidates, search and claims: {matching:.2g} % of the time")
+
+
+def _name_switches(decisions: list[dict[str, Any]]) -> None:
+    """Options in the place of the fields of the configuration that have one."""
+    for one in decisions:
+        field = one["switch"]
+        one["switch"] = field and (option_of(field) or field)
+
+
+def _decision_text(decision: dict[str, Any]) -> str:
+    """One line: the effect, what it takes, what switches it, and why."""
+    said = "modelled" if decision["modelled"] else "not modelled"
+    if decision["cost"]:
+        said += f", {100.0 * decision['cost']:.2g} % of the time"
+    if decision["switch"]:
+        said += f" ({decision['switch']})"
+    return f"  {decision['effect']}: {said}; {decision['reason']}"
 
 
 def _plan_text(plan: dict[str, Any], workers: int) -> str:

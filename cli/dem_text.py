@@ -217,7 +217,7 @@ def _heights(one: dict[str, Any]) -> str:
 
 
 def _missing(share: float | None) -> str:
-    return "not read (--quick)" if share is None else f"{share:.4%} of the pixels"
+    return "not read (--quick)" if share is None else f"{100.0 * share:.4f} % of the pixels"
 
 
 def _sample(place: dict[str, Any], box: dict[str, float]) -> str:

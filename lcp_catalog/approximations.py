@@ -402,5 +402,9 @@ SWITCHES = {
     effect: one.switch[0] if one.switch else None
     for one in APPROXIMATIONS
     for effect in one.effects
+} | {
+    "cell size": "area.gsd_m",
+    "Suns": "sun.elevations_deg",
+    "dependence": "points.max_dependence",
 }
 """The field that controls each decision of a scene plan; None without one."""

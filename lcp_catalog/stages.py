@@ -39,17 +39,23 @@ def part(text: str) -> None:
 _SPENT: ContextVar[dict[str, float] | None] = ContextVar("spent", default=None)
 
 
-def timed(effect: str) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """The time of a function counts as the effect's in `shares_of_time`; it is a stage of its own."""
+def timed(effect: str, is_stage: bool = True) -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
+    """The time of a function, without that of others which it calls, counts as the effect's in `shares_of_time`; it is a
+    stage of its own, or, one of many short calls, none.
+    """
 
     def around(function: Callable[_P, _R]) -> Callable[_P, _R]:
         @wraps(function)
         def watched(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-            stage(effect)
-            start, book = time.perf_counter(), _SPENT.get()
+            if is_stage:
+                stage(effect)
+            book = _SPENT.get()
+            if book is None:
+                return function(*args, **kwargs)
+            start, counted = time.perf_counter(), sum(book.values())
             found = function(*args, **kwargs)
-            if book is not None:
-                book[effect] = book.get(effect, 0.0) + time.perf_counter() - start
+            within = sum(book.values()) - counted
+            book[effect] = book.get(effect, 0.0) + time.perf_counter() - start - within
             return found
 
         return watched

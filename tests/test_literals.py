@@ -60,6 +60,9 @@ LISTED: dict[str, str] = {
         rendering.placement 0.002 1000
         rendering.public 0.001
         rendering.request 500
+        rendering.decisions 100 100 100 100 100 100
+        production.build_decisions 100 100
+        light.environment 100 100
         production.area_job 1e6 1e6
         production.run 1000
         production.promise 400

@@ -102,7 +102,8 @@ BUDGETS = {
     # 32 changed files of an export, pipes in the place of checkpoints and manifests
     # 5 alternatives whose saving is not certain
     # 16 meta-kernels that name a pipe
-    "code lines, lcp_catalog": 48043,
+    # 56 what each decision of a build's plan costs, and its switch
+    "code lines, lcp_catalog": 48099,
     # 3500, 60 for images, 90 flight files, 12 albedo map, 68 cameras, 33 help and examples, 31 progress within a step
     # 236 cameras from SPICE kernels and CCSDS messages, and back
     # 51 warm-up, time left by weights
@@ -127,7 +128,8 @@ BUDGETS = {
     # 52 signals that a library loses, and processes that do not end
     # 2 one line
     # 22 advice for memory that a command can follow, long texts of users
-    "code lines, cli": 4399,
+    # 15 cost and switch of each decision of a plan
+    "code lines, cli": 4414,
     # 45 000, 1500 reliability.md, 1340 flight file, 140 cameras, 520 Python, DEM archives, 850 units, DEMs, albedo
     # 220 wrong elevations and distorted maps, 70 Kaguya and polar evidence
     # 130 one brightness
@@ -175,7 +177,8 @@ BUDGETS = {
     # 113 figures with commits, times on three regions
     # 79 which ground must agree
     # 97 what claims, the belt, camera rays and two passes take
-    "words of docs": 58559,
+    # 17 costs in plans
+    "words of docs": 58576,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

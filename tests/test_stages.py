@@ -50,3 +50,31 @@ def test_a_command_shows_the_stage(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     with alive("render"):
         assert shown.stages.told.__func__ is shown._Lines.enter
     assert shown.stages.told is quiet
+
+
+def test_time_of_a_part_within_another_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that a part of 3 s within another of 5 s, and a call between of 2 s, move."""
+    now = [0.0]
+    monkeypatch.setattr(stages.time, "perf_counter", lambda: now[0])
+    heard: list[str] = []
+    monkeypatch.setattr(stages, "told", heard.append)
+
+    def passes(seconds: float) -> None:
+        now[0] += seconds
+
+    inner = stages.timed("inner", is_stage=False)(passes)
+
+    @stages.timed("outer")
+    def outer() -> None:
+        passes(1.0)
+        inner(3.0)
+        passes(1.0)
+
+    with stages.shares_of_time() as costs:
+        outer()
+        passes(2.0)
+        inner(3.0)
+    assert costs == {"inner": 0.6, "outer": 0.2}
+    assert heard == ["outer"]
+    outer()  # nobody measures
+    assert costs == {"inner": 0.6, "outer": 0.2}

@@ -234,7 +234,8 @@ class Catalog(CatalogParts):
         rows = summary_rows(found) + [
             (
                 f"Sun at {row['sun_elevation_deg']:g}°",
-                "█" * round(20 * row["usable_share"]) + f" {row['usable_share']:.0%} usable",
+                "█" * round(20 * row["usable_share"])
+                + f" {100.0 * row['usable_share']:.0f} % usable",
             )
             for row in found["usable_by_sun_elevation"]
         ]

@@ -149,7 +149,7 @@ def _heights(dem: Dem, survey: SampleStatistics) -> list[str]:
         return ["every pixel is zero: an incomplete download; fetch the file again"]
     signs = [extreme for extreme in (survey.lowest, survey.highest) if _is_a_sign(dem, extreme)]
     problems = [
-        f"the value {extreme.value:g} occurs in {extreme.count} pixels ({extreme.count / survey.pixels:.2%}), "
+        f"the value {extreme.value:g} occurs in {extreme.count} pixels ({100.0 * extreme.count / survey.pixels:.2f} %), "
         f"{_apart(dem, extreme)}, and is not declared as missing; declare it (MISSING_CONSTANT in the label, nodata in a GeoTIFF)"
         for extreme in signs
     ]

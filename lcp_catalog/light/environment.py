@@ -208,7 +208,7 @@ class Environment:
         found = self.report
         sources = "; ".join(
             f"{one['azimuth_deg']:.2f} deg az {one['elevation_deg']:.2f} deg el "
-            f"{one['power_share']:.2%}"
+            f"{100.0 * one['power_share']:.2f} %"
             for one in found["sources"]
         )
         scaled = found["sun_sky_ratio_found"] != found["sun_sky_ratio"]
@@ -217,5 +217,5 @@ class Environment:
             f"{found['panorama']}: dynamic range {found['dynamic_range']:.3g} "
             f"({found['dynamic_range_above_horizon']:.3g} above the horizon); "
             f"{len(found['sources'])} sources{': ' + sources if sources else ''}; sky "
-            f"{found['remainder_share']:.2%}; Sun over sky {found['sun_sky_ratio']:.3g}{before}"
+            f"{100.0 * found['remainder_share']:.2f} %; Sun over sky {found['sun_sky_ratio']:.3g}{before}"
         )

@@ -189,7 +189,7 @@ class SunCheck:
             seen = f"at {vertex:.0f} deg +- {self.best_raise_sigma_deg:.1f}"
         return (
             f"the Sun's elevation, {self.elevation_deg:.0f} deg, may be wrong: {self.points} points correlate best {seen}, "
-            f"not at {usual:.0f} deg as under a right one; {self.shares[best]:.0%} correlate better at {other:.0f} deg: "
+            f"not at {usual:.0f} deg as under a right one; {100.0 * self.shares[best]:.0f} % correlate better at {other:.0f} deg: "
             "check the Sun and the time"
         )
 
@@ -226,7 +226,7 @@ class SunCheck:
         turn, up = self.turns_deg[best]
         how = f"turned by {turn:+.0f} deg" if turn else f"raised by {up:+.0f} deg"
         return (
-            f"the stated Sun does not fit the image: {self.shares[best]:.0%} of {self.points} points "
+            f"the stated Sun does not fit the image: {100.0 * self.shares[best]:.0f} % of {self.points} points "
             f"correlate better under one {how}{law}"
         )
 

@@ -24,6 +24,7 @@ from ..photometry.albedo_map import AlbedoCover, AlbedoMap
 from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, ring_decision
+from ..stages import timed
 from ..terrain.heightfield import Window
 from ..terrain.surroundings import SunRays, build_surrounded, ring_for_rays_m, surroundings
 from ..terrain.terrain import Ground, Terrain, sample_patches
@@ -152,7 +153,8 @@ def _ground(job: AreaJob) -> AreaGround:
     """The terrain of an area, its plan, the brightness of its nodes with an albedo map, and no shadows yet."""
     recipe = job.recipe
     terrain, beyond = _terrain(job)
-    brightness = recipe.albedo.known_nodes(terrain) if recipe.albedo else None
+    known_nodes = recipe.albedo and timed("albedo", is_stage=False)(recipe.albedo.known_nodes)
+    brightness = known_nodes(terrain) if known_nodes else None
     albedo = _albedo_decision(recipe.albedo, terrain, brightness)
     plan = plan_area(terrain, job.conditions, recipe.config, recipe.law, beyond, albedo)
     return terrain, plan, brightness, {}
@@ -187,6 +189,10 @@ def _sun_rays(job: AreaJob) -> SunRays:
     return SunRays.towards(suns, turn_rad)
 
 
+_surroundings = timed("terrain beyond the area", is_stage=False)(surroundings)
+_surrounded = timed("relief", is_stage=False)(build_surrounded)
+
+
 def _terrain(job: AreaJob) -> tuple[Terrain, Decision]:
     """The terrain, its core the area with its halo, with the terrain around that can hide it from a view
     or shadow it under its Suns, up to the configured distance; and the decision about that.
@@ -198,8 +204,8 @@ def _terrain(job: AreaJob) -> tuple[Terrain, Decision]:
     view_rad = np.radians(90.0 - lowest_off_nadir_deg(config))
     tangent = float(np.tan(view_rad)) if view_rad < np.pi / 2 else math.inf
     view_m = ring_for_rays_m(ground, tangent, limit_m)
-    around = surroundings(ground, _sun_rays(job), view_m, limit_m)
-    terrain = build_surrounded(ground, around)
+    around = _surroundings(ground, _sun_rays(job), view_m, limit_m)
+    terrain = _surrounded(ground, around)
     needed_m = max(around.needed_m, view_m)
     return terrain, ring_decision(terrain, around.ring_m, needed_m, limit_m)
 

@@ -69,15 +69,15 @@ def of_a_build(
     others_deg, share = turned_flags(tolerance_deg, own_sun_deg, suns_deg)
     if share > 0.0005:
         turned += (
-            f"; about {share:.1%} of the unshadowed flags at {others_deg:g} deg of Sun are others than under the points' "
+            f"; about {100.0 * share:.1f} % of the unshadowed flags at {others_deg:g} deg of Sun are others than under the points' "
             f"own Suns ({_measured(others_deg)})"
         )
     if share > TURNED_MOST:
         most = TURNED_MOST * 0.5 / tolerance_deg
         enough = math.ceil(np.interp(most, TURNED[::-1], TURNED_DEG[::-1]))
         turned += (
-            f"; at most {TURNED_MOST:.1%} with own Suns up to {enough} deg (`model.own_sun_deg`), in 1.01 (sample) to 1.5 times "
-            "(84 N) the time"
+            f"; at most {100.0 * TURNED_MOST:.1f} % with own Suns up to {enough} deg (`model.own_sun_deg`), in 1.01 (sample) "
+            "to 1.5 times (84 N) the time"
         )
     return (
         Decision(

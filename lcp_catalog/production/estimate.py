@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from ..approximations import SWITCHES
 from ..catalog.schema import evaluated, usable
 from ..choices import NO_MAP
 from ..ephemeris.solar_position import highest_sun_deg
 from ..memory import peak_mb, resident_mb
+from ..rendering.costs import WITHIN, priced
 from ..rendering.decisions import Decision
+from ..stages import shares_of_time
 from ..threads import limit_threads
 from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
@@ -83,15 +86,23 @@ PROMISE_POINTS = 4.5
 """Points of a catalogue for each that its promise asks for under one Sun and view: 2.4 to 5.5 in eight
 catalogues (docs/explanation/selection.md)."""
 
+_WITHIN = WITHIN | {
+    "cell size": "in all others, which grow with the number of cells",
+    "Suns": "in all others, which grow with the number of Suns",
+    "one direction per area": "it saves that of more directions",
+}
+"""Where the time of effects without work of their own is counted in a build."""
+
 _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
 
 def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any]:
-    """The document of a plan: numbers of areas and conditions, and from a few
-    computed areas the memory, time, file size and scene plan. Areas that no configured Sun reaches are
-    not among them. Of a build of several levels the sums,
-    and under ``levels`` the document of each with its ``gsd_m``, from fine to coarse.
+    """The document of a plan: numbers of areas and conditions, and from a few computed areas the memory, time, file size and
+    scene plan, each of its decisions with its switch and the share of the areas' time that it takes (`costs.priced`;
+    ``matching_cost``: that of candidates, their search and claims). Areas that no configured Sun reaches are not among them.
+    Of a build of several levels the sums, the decisions of the finest, and under ``levels`` the document of each with its
+    ``gsd_m``, from fine to coarse.
 
     cluster: the workers are those of a dask cluster, which are not forked from a process of this build.
     """
@@ -114,7 +125,7 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     sample = order[len(order) // 2]
     planned_mb = peak_mb(), resident_mb()
     measured = _spread(order, sample)
-    first_s, seconds, results = _measured(level, measured)
+    first_s, seconds, results, costs = _measured(level, measured)
     ground = {k: level.jobs[k].nodes for k in order}
     share = sum(ground.values()) / sum(ground[k] for k in measured)
     candidates = share * sum(len(result.candidates) for result in results)
@@ -138,10 +149,14 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
         ),
         "bytes_estimate": file_bytes(level, points),
         "decisions": [
-            _cell_decision(level),
-            _sun_decision(level),
-            *results[0].plan.to_json()["decisions"],
+            priced(one, costs, SWITCHES, _WITHIN)
+            for one in (
+                _cell_decision(level),
+                _sun_decision(level),
+                *results[0].plan.to_json()["decisions"],
+            )
         ],
+        "matching_cost": 1.0 - sum(costs.values()),
     }
     model = config.model
     sun_deg, share = turned_flags(
@@ -246,6 +261,7 @@ def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dic
         "seconds_estimate": round(total["seconds_estimate"] - again * start_s, 1),
         "bytes_estimate": total["bytes_estimate"] - again * FILE_BYTES,
         "decisions": levels[0]["decisions"],
+        "matching_cost": levels[0]["matching_cost"],
         "one_direction": levels[0]["one_direction"],
         **{key: value for key, value in levels[0].items() if key == "albedo_worth"},
         "levels": [{"gsd_m": m} | level for m, level in zip(cells, levels, strict=True)],
@@ -288,15 +304,19 @@ def _sun_decision(level: Level) -> dict[str, Any]:
     return asdict(Decision("Suns", True, text, None, "deg"))
 
 
-def _measured(level: Level, indices: list[int]) -> tuple[float, list[float], list[AreaResult]]:
-    """Seconds that the first area takes longer the first time; seconds of areas, on one thread, without
-    that; and their results.
+def _measured(
+    level: Level, indices: list[int]
+) -> tuple[float, list[float], list[AreaResult], dict[str, float]]:
+    """Seconds that the first area takes longer the first time; seconds of areas, on one thread, without that; their results;
+    and the shares of that time by effect (`stages.shares_of_time`).
     """
-    seconds, results = [], []
     with limit_threads(1):
-        for index in (indices[0], *indices):
-            start = time.perf_counter()
-            results.append(run_area(level.jobs[index]))
-            seconds.append(time.perf_counter() - start)
-    first_s = min(max(seconds[0] - seconds[1], 0.0), FIRST_S)
-    return first_s, seconds[1:], results[1:]
+        start = time.perf_counter()
+        run_area(level.jobs[indices[0]])
+        first_s, seconds, results = time.perf_counter() - start, [], []
+        with shares_of_time() as costs:
+            for index in indices:
+                start = time.perf_counter()
+                results.append(run_area(level.jobs[index]))
+                seconds.append(time.perf_counter() - start)
+    return min(max(first_s - seconds[0], 0.0), FIRST_S), seconds, results, costs

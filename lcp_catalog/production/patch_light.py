@@ -14,6 +14,7 @@ from ..arrays import Array, Bytes, Float32, Index, Mask
 from ..geometry.frames import EnuFrame, mcmf_to_lonlat
 from ..landmarks.error_model import local_contrast
 from ..landmarks.patches import patches_of
+from ..stages import timed
 from .config import BuildConfig
 from .sweep import Sweep
 
@@ -71,6 +72,7 @@ class PatchLight:
     def _is_low(self, elevation: int) -> bool:
         return bool(self.sweep.conditions.sun_elevation_deg[elevation] <= self.own_sun_deg)
 
+    @timed("one direction per area", is_stage=False)
     def _under_own_sun(self, k: int, elevation: int, azimuth: int) -> float:
         """`shadow_dependence` of one patch under its own Sun, every node traced."""
         sweep, half, (top, _, left, _) = self.sweep, self.half, self.sweep.window
@@ -101,6 +103,7 @@ class PatchLight:
         centres = zip(self.rows.tolist(), self.cols.tolist(), strict=True)
         return np.array([self._hidden_from(view, camera, r, c) for r, c in centres], np.float32)
 
+    @timed("dependence", is_stage=False)
     def _hidden_from(self, view: int, camera: Array, row: int, col: int) -> float:
         """Share of the nodes of one patch that face a near camera (ENU, (3,)), and that only terrain
         outside the patch hides from it.
@@ -115,6 +118,7 @@ class PatchLight:
         cast = sweep.unseen(view)[part] & faces & ~alone.occluded_nodes_from(camera)
         return float(cast.mean())
 
+    @timed("dependence", is_stage=False)
     def _dependence(self, direction: Array, dark: Bytes) -> tuple[Float32, Mask]:
         sweep = self.sweep
         cast = sweep.field.shadowed_from_outside(

@@ -44,6 +44,7 @@ from ..photometry.laws import (
 from ..rendering import decisions
 from ..rendering.decisions import Decision
 from ..rendering.plan import ScenePlan, is_vertical, plan_scene
+from ..stages import timed
 from ..terrain.far_terrain import FarTerrain
 from ..terrain.heightfield import Heightfield, Window
 from ..terrain.occlusion import occluded, occluded_sweep
@@ -265,6 +266,9 @@ PART_STEP = 16
 up to 16, so that the pixels of coarser images are those of the whole."""
 
 
+_disc_share = timed("solar disc", is_stage=False)(sunlit_share)
+
+
 @dataclass(frozen=True)
 class Sweep:
     """All images of a terrain's core under the conditions, one after the other, as the scene plan
@@ -407,6 +411,7 @@ class Sweep:
     def _unseen(self) -> dict[int, Mask]:
         return {}
 
+    @timed("occlusion", is_stage=False)
     def _hidden(self, view: int) -> Mask:
         direction, camera = self.view_directions[view], self.camera_m(view)
         if camera is not None and self.plan.occlusion.modelled:
@@ -435,6 +440,7 @@ class Sweep:
         """What `dark` has computed, by azimuth."""
         return {}
 
+    @timed("cast shadows", is_stage=False)
     def _cast(self, azimuth: int, elevations: NDArray[np.intp]) -> NDArray[np.uint8]:
         if not self.plan.cast_shadows.modelled:
             return np.zeros((len(elevations), *self.normals.shape[:2]), dtype=np.uint8)
@@ -475,12 +481,14 @@ class Sweep:
         """The image of a condition without cast shadows."""
         return self._image(condition, np.zeros(self.planes.shape[1:], np.uint8), self.factors)
 
+    @timed("reflectance", is_stage=False)
     def _image(
         self, condition: tuple[int, int, int], dark: NDArray[np.uint8], factors: Float32 | None
     ) -> Float32:
         radiance = self.shading(condition)(self.planes, dark, self.unseen(condition[0]))
         return radiance if factors is None else radiance * factors
 
+    @timed("scattered light", is_stage=False)
     def _add_bounced(self, condition: tuple[int, int, int], image: Float32) -> None:
         """Add the light of other ground to the nodes of an image (rows, cols) that the Sun does not reach."""
         dark = image == 0.0  # NaN where not visible
@@ -520,14 +528,24 @@ class Sweep:
             bands = np.empty((3, len(some), *self.planes.shape[1:]), np.float32)
             complete = True
             for k, (condition, dark, factors) in enumerate(some):
-                shaded, hidden = self.shading(condition), self.unseen(condition[0])
-                nodes = (self.planes, *self.steeper_planes)
-                base, east, south = (shaded(planes, dark, hidden) for planes in nodes)
-                out = bands[:, k]
-                complete &= differences(base, east, south, SLOPE_STEP, factors, out)
-                self._add_bounced(condition, out[0])
+                complete &= self._derived(condition, dark, factors, bands[:, k])
+                self._add_bounced(condition, bands[0, k])
             conditions = np.array([condition for condition, *_ in some])
             yield RenderedImages(conditions, bands[0], bands[1:], complete)
+
+    @timed("reflectance", is_stage=False)
+    def _derived(
+        self,
+        condition: tuple[int, int, int],
+        dark: NDArray[np.uint8],
+        factors: Float32 | None,
+        out: Float32,
+    ) -> bool:
+        """Write the image of a condition and its derivatives to ``out`` (3, rows, cols); True if all nodes are visible."""
+        shaded, hidden = self.shading(condition), self.unseen(condition[0])
+        nodes = (self.planes, *self.steeper_planes)
+        base, east, south = (shaded(planes, dark, hidden) for planes in nodes)
+        return differences(base, east, south, SLOPE_STEP, factors, out)
 
     def _lit(
         self, views: tuple[int, ...] | None
@@ -542,7 +560,7 @@ class Sweep:
                 lit = self.factors
                 if dark is None:
                     sun = self.sun_directions[elevation, azimuth]
-                    share = sunlit_share(self.field, sun, self.accuracy, self.window, far=self.far)
+                    share = _disc_share(self.field, sun, self.accuracy, self.window, far=self.far)
                     own = (share == 0.0).view(np.uint8)
                     lit = share if lit is None else share * lit
                 else:

@@ -52,7 +52,7 @@ class LightWords:
         if light.first.irradiance == 0.0:
             return cls(f"the {light.first.name}", "all light is the sky's", True)
         others = "the other sources' light and " if light.others else ""
-        rest = f"surfaces that {light.first.name} does not reach have {others}the sky's ({sky:.2%} of all light)"
+        rest = f"surfaces that {light.first.name} does not reach have {others}the sky's ({100.0 * sky:.2f} % of all light)"
         return cls(light.first.name, rest, True)
 
 
@@ -423,7 +423,7 @@ def _left_out(missing: float, gap_m: float, limit_m: float | None) -> str:
     text = ""
     if missing > 0.0:
         text += (
-            f"; {missing:.1%} of this terrain has no height in the DEM, from {gap_m / 1e3:.1f} km on, "
+            f"; {100.0 * missing:.1f} % of this terrain has no height in the DEM, from {gap_m / 1e3:.1f} km on, "
             "and casts no shadow"
         )
     if limit_m is not None:
@@ -475,9 +475,9 @@ def bounced_light(
         f"reach a radiance factor of up to {sample.greatest:.2g}"
     )
     if sample.white > 0.0:
-        found += f", {sample.greatest / sample.white:.2%} of the brightest ground's"
+        found += f", {100.0 * sample.greatest / sample.white:.2f} % of the brightest ground's"
     if choice == "auto" and sample.greatest <= shows * sample.white:
-        reason = f"{words.rest}; {found}: below the tier's limit ({shows:.2%})"
+        reason = f"{words.rest}; {found}: below the tier's limit ({100.0 * shows:.2f} %)"
         return Decision(SCATTERED, False, reason, min(bound, 2.0 * sample.greatest), SCATTERED_UNIT)
     reason = f"one bounce, on ground that {words.first} does not reach; {found}; a second bounce is left out"
     return Decision(SCATTERED, True, reason, rms * sample.greatest, SCATTERED_UNIT)
@@ -487,7 +487,7 @@ def sky_light(name: str, share: float, samples: tuple[int, int], rms: float) -> 
     """Decision about the light of a panorama besides its sources; ``share`` of all its light."""
     azimuths, elevations = samples
     reason = (
-        f"{name}: {share:.2%} of its light comes from the sky, sampled in {azimuths} azimuths and "
+        f"{name}: {100.0 * share:.2f} % of its light comes from the sky, sampled in {azimuths} azimuths and "
         f"{elevations} elevations, each with the shadow of the terrain; measured rms on natural terrain"
     )
     return Decision("sky light", True, reason, rms, "share of the sky's mean radiance")
@@ -543,7 +543,7 @@ def albedo(
         f"contrast over the area, {cover.contrast:.3g} (standard deviation over mean)"
     )
     if cover.share < 1.0:
-        reason += f"; {1.0 - cover.share:.2%} of the area lies outside the map and has the factor 1"
+        reason += f"; {100.0 * (1.0 - cover.share):.2f} % of the area lies outside the map and has the factor 1"
     return Decision(effect, True, reason, None, unit)
 
 

@@ -42,6 +42,7 @@ from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
+from .costs import WITHIN, priced
 from .pipeline import prepare
 from .renderer import Rendering
 from .request import Request, ViewAngles, ViewChoice
@@ -265,45 +266,23 @@ _SWITCHES = SWITCHES | {"relief": "surface", "float width": "model.accuracy"}
 """The switches of a render, which has more than a build."""
 
 
-_WITHIN = {
-    "curvature": "in the heights, which relief counts",
-    "float width": "the width of all numbers",
-    "perspective": "in the rays of occlusion and the directions of reflectance",
-    "other sources": "in cast shadows and reflectance, which count all sources",
-    "motion of the Sun": "in all others, each for several directions",
-    "Sun over sky": "one factor of the light",
-}
-"""Where the time of effects without work of their own is counted."""
-
-
 def explain(scene: Scene, costs: Mapping[str, float] | None = None) -> dict[str, Any]:
     """The document of an explained plan: the plan's decisions, each with the parameter or the field of a configuration
-    that switches it and its ``cost``, the share of the time, which is None only with a ``cost_reason``; and the light.
-    ``costs``: `stages.shares_of_time` of the scene and its image; None: not measured.
+    that switches it and its ``cost`` (`costs.priced`); and the light. ``costs``: `stages.shares_of_time` of the scene and its
+    image; None: not measured.
     """
     light = scene.light.describe()
     if scene.request.environment is not None:
         light["environment"] = scene.request.environment.report
-    disc = scene.plan.solar_disc.modelled
-    spent = dict(costs or {})
-    if disc and "cast shadows" in spent:
+    within, spent = WITHIN, None if costs is None else dict(costs)
+    if spent and scene.plan.solar_disc.modelled and "cast shadows" in spent:
         spent["solar disc"] = spent.pop("cast shadows")
-
-    def cost(effect: str, modelled: bool) -> tuple[float | None, str | None]:
-        if costs is None:
-            return None, "not measured: no image was computed"
-        if effect in spent or not modelled:
-            return spent.get(effect, 0.0), None
-        within = "in solar disc" if disc and effect == "cast shadows" else _WITHIN.get(effect)
-        return None, f"no time of its own: {within or 'in reflectance'}"
-
-    decisions = []
-    for decision in scene.plan.to_json()["decisions"]:
-        effect = str(decision["effect"])
-        share, why = cost(effect, bool(decision["modelled"]))
-        told = {"switch": _SWITCHES.get(effect), "cost": share}
-        decisions.append(decision | told | ({"cost_reason": why} if why else {}))
-    return {"decisions": decisions, "light": light}
+        within = WITHIN | {"cast shadows": "in solar disc"}
+    decisions = scene.plan.to_json()["decisions"]
+    return {
+        "decisions": [priced(one, spent, _SWITCHES, within) for one in decisions],
+        "light": light,
+    }
 
 
 def render(

@@ -62,7 +62,7 @@ class EncodingCheck:
         """What the check says, one line."""
         figures = (
             f"median correlation {self.srgb:.3f} as sRGB codes, {self.linear:.3f} as linear values; "
-            f"{self.share:.0%} of {self.points} points correlate better as sRGB codes "
+            f"{100.0 * self.share:.0f} % of {self.points} points correlate better as sRGB codes "
             f"(gain of {self.sigmas:.1f} sigma)"
         )
         if self.used == self.better:

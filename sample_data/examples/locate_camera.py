@@ -33,7 +33,7 @@ def main(
     patches = lcp.render_patches(catalog, points, camera)
     rows, cols = patches.shape
     print(
-        f"patches are up to {cols} x {rows} pixels; {np.median(patches.lit_share):.0%} of a patch is lit"
+        f"patches are up to {cols} x {rows} pixels; {100.0 * np.median(patches.lit_share):.0f} % of a patch is lit"
     )
 
     # 4. Find them in the image, within 30 pixels of where the camera file puts them.

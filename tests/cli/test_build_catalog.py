@@ -83,11 +83,32 @@ def test_plan_writes_nothing_and_speaks_json(
         "decisions",
         "albedo_worth",
         "one_direction",
+        "matching_cost",
     }
     assert document["one_direction"].keys() == {"sun_elevation", "flags_changed"}
     assert document["areas"] >= 1
     assert document["views"] == 1
-    assert set(document["decisions"][0]) == {"effect", "modelled", "reason", "error_bound", "unit"}
+    told = {"effect", "modelled", "reason", "error_bound", "unit", "switch", "cost"}
+    decisions = {one["effect"]: one for one in document["decisions"]}
+    for one in decisions.values():
+        assert set(one) == told | ({"cost_reason"} if one["cost"] is None else set())
+        assert one["modelled"] or one["cost"] is not None
+    shares = [one["cost"] or 0.0 for one in decisions.values()]
+    assert min(shares) >= 0.0
+    assert sum(shares) + document["matching_cost"] == pytest.approx(1.0)
+    assert document["matching_cost"] > 0.2
+    own = "cast shadows", "reflectance", "relief", "terrain beyond the area", "dependence"
+    assert all(decisions[effect]["cost"] > 0.0 for effect in own)
+    assert decisions["solar disc"]["cost"] == 0.0
+    switches = {effect: one["switch"] for effect, one in decisions.items()}
+    assert switches["cell size"] == "--gsd"
+    assert (switches["Suns"], switches["cast shadows"]) == ("--sun-elevations", "--accuracy")
+    # fields without an option are keys of BUILD.toml
+    assert (switches["scattered light"], switches["dependence"]) == (
+        "model.bounce",
+        "points.max_dependence",
+    )
+    assert switches["curvature"] is None
     assert [p.name for p in tmp_path.iterdir()] == ["build.toml"]
 
 
@@ -157,7 +178,7 @@ def test_plan_is_five_lines(
         r"0\.\d MB of catalogue, [\d,]+ MB of memory a job, [\d,]+ MB to merge$", lines[2]
     )
     worth = r"usable candidates .* without the albedo map: 10 deg [\d.]+ \([\d.]+\); 30 deg "
-    turned = r"one Sun direction an area: about 1\.2% of the unshadowed flags at 10 deg of Sun are others "
+    turned = r"one Sun direction an area: about 1\.2 % of the unshadowed flags at 10 deg of Sun are others "
     assert re.match(turned, lines[3])
     assert re.match(worth, lines[4])
     assert run([*small, "--albedo", "none", "--accuracy", "high"]) == 0

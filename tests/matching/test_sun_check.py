@@ -43,7 +43,7 @@ def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
     assert light(0.49).doubt_px == 0.0
     assert light(0.69).complaint == light(0.95, gain=0.02).complaint == ""
     assert light(0.95).complaint == (
-        "the stated Sun does not fit the image: 95% of 50 points correlate better under one turned by +20 deg"
+        "the stated Sun does not fit the image: 95 % of 50 points correlate better under one turned by +20 deg"
     )
 
 
@@ -312,7 +312,7 @@ def test_when_an_elevation_is_named(check: SunCheck, fits: bool) -> None:
 def test_the_advice_gives_the_elevations() -> None:
     assert elevated(20.0, 4.8).elevation_advice == (
         "the Sun's elevation, 20 deg, may be wrong: 50 points correlate best at 25 deg +- 0.5, not at 18 deg as under a right one; "
-        "40% correlate better at 10 deg: check the Sun and the time"
+        "40 % correlate better at 10 deg: check the Sun and the time"
     )
     assert (
         "correlate best below 20 deg, not at 26 deg"

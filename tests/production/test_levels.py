@@ -268,8 +268,8 @@ def test_the_plan_adds_up_the_levels(plan: Build, monkeypatch: pytest.MonkeyPatc
     of_areas = build_estimate._measured
 
     def slow(*given: Any) -> Any:
-        first_s, seconds, results = of_areas(*given)
-        return first_s, [10.0] * len(seconds), results
+        first_s, seconds, *others = of_areas(*given)
+        return first_s, [10.0] * len(seconds), *others
 
     monkeypatch.setattr(build_estimate, "_measured", slow)
     found = estimate(plan, 2)
@@ -279,6 +279,7 @@ def test_the_plan_adds_up_the_levels(plan: Build, monkeypatch: pytest.MonkeyPatc
         assert found[key] == fine[key] + coarse[key]
     for key in ("suns", "views", "memory_mb_per_worker"):
         assert found[key] == max(fine[key], coarse[key])
+    assert found["matching_cost"] == fine["matching_cost"] < 1.0
     for key in ("seconds_estimate", "bytes_estimate"):
         assert max(fine[key], coarse[key]) < found[key] < fine[key] + coarse[key]
 

@@ -224,17 +224,17 @@ def test_terrain_beyond_the_configured_limit_is_stated() -> None:
 @pytest.mark.parametrize(
     ("tolerance_deg", "own_deg", "suns_deg", "said"),
     [
-        (0.5, 0.0, (5.0, 10.0), "about 2.3% of the unshadowed flags at 5 deg"),
-        (0.5, 0.0, (5.0, 10.0), "at most 0.5% with own Suns up to 12 deg"),
-        (1.0, 0.0, (5.0, 10.0), "about 4.6% of the unshadowed flags at 5 deg"),
+        (0.5, 0.0, (5.0, 10.0), "about 2.3 % of the unshadowed flags at 5 deg"),
+        (0.5, 0.0, (5.0, 10.0), "at most 0.5 % with own Suns up to 12 deg"),
+        (1.0, 0.0, (5.0, 10.0), "about 4.6 % of the unshadowed flags at 5 deg"),
         (0.25, 0.0, (5.0, 10.0), "own Suns up to 7 deg"),
-        (0.5, 7.0, (5.0, 10.0), "about 0.6% of the unshadowed flags at 10 deg"),
+        (0.5, 7.0, (5.0, 10.0), "about 0.6 % of the unshadowed flags at 10 deg"),
         (0.5, 12.0, (5.0, 10.0), "there no unshadowed flag is another"),
         (
             0.5,
             0.0,
             (0.5, 4.0),
-            "about 4.7% of the unshadowed flags at 0.5 deg of Sun are others than under the points' own Suns (measured)",
+            "about 4.7 % of the unshadowed flags at 0.5 deg of Sun are others than under the points' own Suns (measured)",
         ),
         (0.5, 0.0, (0.2, 4.0), "own Suns (extrapolated from 0.5 deg)"),
     ],
