@@ -28,6 +28,11 @@ def plain_opener(path: str, flags: int) -> int:
     return opened
 
 
+def may_wait(path: str | os.PathLike[str]) -> bool:
+    """True for a pipe or a device, or a link to one: whoever opens or reads it may wait for another program."""
+    return os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path))
+
+
 def no_file(path: Path, wanted: str) -> str:
     """Why a path is no file: ``is a folder, not a DEM``."""
     if path.is_dir():

@@ -26,6 +26,7 @@ from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import Time, Times, instants
 from ..errors import CameraError, package, printable, unknown_keys, unread
+from ..file_kinds import may_wait
 from .frame_camera import Camera
 from .isd import Tables, frame_from_isd, plane_of_isd, sensor_from_isd
 from .json_fields import JsonFields
@@ -111,7 +112,7 @@ def _refuse_pipes(path: Path) -> None:
     for name in names:
         signs = re.findall(r"\$\w+", name)
         for place in [name.replace(sign, at) for sign in signs for at in folders] or [name]:
-            if os.path.exists(place) and not (os.path.isfile(place) or os.path.isdir(place)):
+            if may_wait(place):
                 raise CameraError(
                     f"{path}: names {printable(place)}, which is no plain file; give kernels as files"
                 )

@@ -22,7 +22,7 @@ from ..pds.pds3 import read_pds3
 from .dem import Dem, extremes_step, grid_of_label, is_geotiff
 from .grid import Grid
 from .pixel_statistics import Extreme, SampleStatistics, sample_statistics
-from .plausibility import doubts
+from .plausibility import ALL_ZERO, doubts
 from .products import facts_of
 from .raster import POSSIBLE_M
 
@@ -146,7 +146,7 @@ def _heights(dem: Dem, survey: SampleStatistics) -> list[str]:
             "image was converted; take LSB for MSB (or MSB for LSB) in the label, or fetch the image again"
         ]
     if survey.lowest.value == survey.highest.value and survey.zero_rows == dem.grid.height:
-        return ["every pixel is zero: an incomplete download; fetch the file again"]
+        return [ALL_ZERO]
     signs = [extreme for extreme in (survey.lowest, survey.highest) if _is_a_sign(dem, extreme)]
     problems = [
         f"the value {extreme.value:g} occurs in {extreme.count} pixels ({100.0 * extreme.count / survey.pixels:.2f} %), "

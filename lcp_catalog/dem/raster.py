@@ -16,7 +16,6 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,7 +32,7 @@ from ..errors import DemError, LabelError
 from ..file_kinds import no_file
 from ..remote_files import archive_of, first_state, gdal_name, url_of
 from .grid import Grid
-from .raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster, opened
+from .raster_files import open_raster, opened, whole_reads
 
 _COARSER = 1.5
 """From this ratio of cell to pixel on, blocks of pixels are averaged before sampling."""
@@ -272,7 +271,7 @@ class Raster:
         values = self.heights_of(self.samples(row0, row1, col0, col1))
         if self.masked:
             window = Window(col0, row0, col1 - col0, row1 - row0)
-            with self._read_whole():
+            with whole_reads(self.path):
                 values[_dataset(self.path).read_masks(self.band, window=window) == 0] = np.nan
         return values
 
@@ -280,22 +279,11 @@ class Raster:
         """The stored numbers of a window. DemError if they cannot be read."""
         if self.raw_dtype is not None:
             return self._mapped()[row0:row1, col0:col1]
-        with self._read_whole():
+        with whole_reads(self.path):
             samples: NDArray[Any] = _dataset(self.path).read(
                 self.band, window=Window(col0, row0, col1 - col0, row1 - row0)
             )
         return samples
-
-    @contextmanager
-    def _read_whole(self) -> Iterator[None]:
-        """DemError for what GDAL cannot read."""
-        try:
-            with nothing_signalled(self.path):
-                yield
-        except UNREADABLE as error:
-            raise DemError(
-                f"{self.path}: cannot be read; the file is damaged or truncated ({cause_of(error)})"
-            ) from error
 
     def _mapped(self) -> NDArray[Any]:
         try:

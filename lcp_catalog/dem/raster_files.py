@@ -28,8 +28,8 @@ from rasterio.windows import Window
 
 from ..atomic_files import file_state
 from ..child_process import ChildFailedError, call_apart
-from ..errors import DemError
-from ..file_kinds import other_kind
+from ..errors import DemError, LcpError
+from ..file_kinds import may_wait, other_kind
 from ..remote_files import first_state, gdal_name, server_state, url_of
 
 DRIVERS = (
@@ -137,14 +137,7 @@ def _holds_pipe(folder: str, _changed_ns: int) -> bool:
     made of that of a raster.
     """
     with os.scandir(folder) as entries:
-        return any(_is_pipe(one) for one in entries)
-
-
-def _is_pipe(entry: os.DirEntry[str]) -> bool:
-    try:
-        return not (entry.is_file() or entry.is_dir()) and os.path.exists(entry)
-    except OSError:
-        return False
+        return any(may_wait(one) for one in entries if not one.is_file(follow_symlinks=False))
 
 
 def open_all(name: str) -> None:
@@ -219,18 +212,26 @@ for _name in ("rasterio._err", "rasterio._env"):
 
 
 @contextmanager
-def nothing_signalled(path: object) -> Iterator[None]:
-    """DemError if GDAL signals an error during a read that succeeds: GDAL 3.10 goes on with wrong numbers after
-    a failed read of the places of a TIFF's strips.
+def whole_reads(path: object) -> Iterator[None]:
+    """DemError for a read that GDAL refuses, and if it signals an error during one that succeeds: GDAL 3.10 goes on with
+    wrong numbers after a failed read of the places of a TIFF's strips. It does not tell damage from a failure of the system.
     """
     before = getattr(_Signalled.here, "said", None)
     said = _Signalled.here.said = list[str]()
+    refused: BaseException | None = None
     try:
         yield
+    except UNREADABLE as error:
+        if isinstance(error, LcpError):
+            raise
+        refused = error
+        said.insert(0, cause_of(error))
     finally:
         _Signalled.here.said = before
     if said:
-        raise DemError(f"{path}: cannot be read; the file is damaged or truncated ({said[0]})")
+        raise DemError(
+            f"{path}: cannot be read; the file is damaged or truncated, if it fails again ({said[0]})"
+        ) from refused
 
 
 def cause_of(error: BaseException) -> str:

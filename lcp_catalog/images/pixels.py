@@ -30,7 +30,7 @@ from scipy import ndimage
 
 from ..arrays import Mask
 from ..choices import ENCODINGS
-from ..dem.raster_files import UNREADABLE, cause_of, nothing_signalled, open_raster
+from ..dem.raster_files import UNREADABLE, cause_of, open_raster, whole_reads
 from ..errors import DemError, ImageError, LabelError, LcpError
 from ..file_kinds import no_file
 from ..pds.label_files import find_label
@@ -233,7 +233,7 @@ def read_pixels(
     colours only, which become luminance here: codes of a display image (``srgb``) are decoded
     first. ImageError for a file that is no image, cannot be read, or does not have the band.
     """
-    with _opened(Path(path)) as (opened, file), nothing_signalled(path):
+    with _opened(Path(path)) as (opened, file), whole_reads(path):
         return _read((Path(path), opened), file, (band, nodata, encoding))
 
 

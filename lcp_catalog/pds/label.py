@@ -9,14 +9,15 @@ from pathlib import Path
 
 from ..constants import MOON_RADIUS_M
 from ..errors import LabelError
+from ..file_kinds import may_wait
 
 _LARGEST_FILE = 1e15
 
 
 def beginning(path: Path, size: int) -> bytes:
-    """The first bytes of a file. LabelError for a pipe, which would wait for its writer."""
-    if path.is_fifo():
-        raise LabelError(f"{path}: is a pipe; only plain files are read")
+    """The first bytes of a file. LabelError for a pipe, which would wait for its writer, and for a device."""
+    if may_wait(path):
+        raise LabelError(f"{path}: is a pipe or a device; only plain files are read")
     with path.open("rb") as file:
         return file.read(size)
 

@@ -96,7 +96,7 @@ TAKES = "opening it takes more than 1 s of processor time .* may be a pipe or a 
         (_beside("dem.tif.Aux.xml", "dem.tif.Msk"), Dem.open, TAKES),
         (_beside("dem.tif.ovr"), Dem.open, NO_FILE),
         (_beside("dem.LBL"), lambda path: _refused(check_dem(path)), "dem.LBL: is a pipe"),
-        (bare_image, Dem.open, "x.XML: is a pipe; only plain files are read"),
+        (bare_image, Dem.open, "x.XML: is a pipe or a device; only plain files are read"),
         (bare_image, read_pixels, NO_FILE),
     ],
 )

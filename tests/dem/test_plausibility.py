@@ -89,6 +89,17 @@ def test_relief_against_what_the_moon_has(
     assert all(says in text for text in found if says)
 
 
+@pytest.mark.parametrize("side", [4, 800])
+def test_zeros_alone_are_one_line_in_the_words_of_the_check(
+    side: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = written(tmp_path / "zero.tif", np.zeros((side, side), np.float32))
+    (problem,) = check_dem(path).problems
+    dems = DemSet.open([path])
+    warn_of_doubts(dems, dems.bounds, 1024)
+    assert [record.getMessage() for record in caplog.records] == [problem]
+
+
 def test_missing_pixels_that_are_written_as_zeros(hadley: np.ndarray, tmp_path: Path) -> None:
     holed = hadley.copy()
     holed[101:127, 203:241] = 0
@@ -177,7 +188,9 @@ def test_each_command_says_once_that_heights_are_kilometres(
 
 
 def test_shares_are_plain_numbers(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    path = written(tmp_path / "zero.tif", np.zeros((40, 40), np.float32))
+    zeros = np.zeros((40, 40), np.float32)
+    zeros[0, 0] = 9.0
+    path = written(tmp_path / "zero.tif", zeros)
     assert run(["dem", "info", str(path)]) == 0
     assert "100 % of the pixels lie in" in caplog.text
 
