@@ -91,9 +91,7 @@ class Shown:
         return cls(_sample(len(catalog), most), np.arange(scales))
 
 
-def claim_map(
-    catalog: Catalog, chart: ReliefMap, evaluated: AnyArray, bytes_max: int = BYTES_MAX
-) -> dict[str, Any] | None:
+def claim_map(catalog: Catalog, chart: ReliefMap, evaluated: AnyArray) -> dict[str, Any] | None:
     """Numbers for the script: JSON-ready, None for a catalogue without points.
     ``evaluated``: True for the Suns to show, (sun_elevation, sun_azimuth).
 
@@ -114,7 +112,7 @@ def claim_map(
     if not len(catalog):
         return None
     suns = np.argwhere(evaluated)
-    shown = Shown.of(catalog, len(suns), bytes_max)
+    shown = Shown.of(catalog, len(suns), BYTES_MAX)
     x, y, turn = _places(catalog, chart, shown.rows)
     x, y = (np.where(np.isfinite(x + y), at, -1e6) for at in (x, y))  # not on the map
     condition = catalog.part("condition", shown.rows)[:, :, suns[:, 0], suns[:, 1]]

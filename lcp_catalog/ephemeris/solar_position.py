@@ -34,7 +34,7 @@ from ..geometry.frames import (
     lonlat_to_mcmf,
     mcmf_to_lonlat,
 )
-from .limb_darkening import VISIBLE, LimbDarkening
+from .limb_darkening import VISIBLE
 from .times import Instants, Times, instants
 
 SUNS_DIFFER_DEG = 1.0
@@ -224,11 +224,7 @@ def sun_table(place: EnuFrame, times: Times) -> SunTable:
     return SunTable(place, when, *columns)  # the rows of `_columns` are the fields, in their order
 
 
-def share_above_plane(
-    elevation_rad: NDArray[np.float64],
-    radius_rad: NDArray[np.float64],
-    law: LimbDarkening = VISIBLE,
-) -> Array:
+def share_above_plane(elevation_rad: NDArray[np.float64], radius_rad: NDArray[np.float64]) -> Array:
     """Share of the disc's light above a plane through the observer, by the elevation of the disc's
     centre above that plane.
 
@@ -236,7 +232,7 @@ def share_above_plane(
     centre, the disc is a circle of radius tan(r) and the horizon a straight line at -tan(e).
     """
     near = np.clip(elevation_rad, -0.1, 0.1)  # beyond, the share is 0 or 1
-    return np.clip(law.share_above(-np.tan(near) / np.tan(radius_rad)), 0.0, 1.0)
+    return np.clip(VISIBLE.share_above(-np.tan(near) / np.tan(radius_rad)), 0.0, 1.0)
 
 
 def azimuth_zero_lon(place: EnuFrame) -> float | None:

@@ -88,7 +88,7 @@ def write_gcp(points: ExportedPoints, path: Path) -> None:
     The first line is the datum. Numbers count from 1, since ASP reads 32 bits; a comment gives the
     ``point_id`` of each. A sigma that is unknown is the cell size: ASP demands a positive one.
     """
-    across_m, along_m = (_positive(sigma, points) for sigma in points.sigma_m)
+    across_m, along_m = (np.where(one > 0.0, one, points.gsd_m) for one in points.sigma_m)
     lon, lat = points.lonlat_deg
     height_m = np.linalg.norm(points.position_m, axis=1) - MOON_RADIUS_M
     wkt = _WKT.format(name=points.frame.name, radius=MOON_RADIUS_M)
@@ -102,7 +102,3 @@ def write_gcp(points: ExportedPoints, path: Path) -> None:
             file.write(f"# number {k + 1}: point_id {point_id}\n")
             place = f"{lat[k]:.9f} {lon[k]:.9f} {height_m[k]:.4f}"
             file.write(f"{k + 1} {place} {across_m[k]:.3f} {across_m[k]:.3f} {along_m[k]:.3f}\n")
-
-
-def _positive(sigma_m: np.ndarray, points: ExportedPoints) -> np.ndarray:
-    return np.where(sigma_m > 0.0, sigma_m, points.gsd_m)

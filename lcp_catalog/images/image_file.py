@@ -549,7 +549,7 @@ def _sun(
     """Position or direction of the Sun: given, of the sensor, or of the label, in this order; a
     warning where they differ.
     """
-    own = _of_sensor(sensor)
+    own = ImageLabel("camera", sensor.sun_position_mcmf_m, time_utc=sensor.time_utc)
     stated = _stated(path, sensor, sun, options)
     suns = [
         (name, direction)
@@ -569,10 +569,6 @@ def _sun(
     if best.sun_position_mcmf_m is not None:
         return best.sun_position_mcmf_m, None
     return None, best.direction()
-
-
-def _of_sensor(sensor: Sensor) -> ImageLabel:
-    return ImageLabel("camera", sensor.sun_position_mcmf_m, time_utc=sensor.time_utc)
 
 
 def _stated(path: Path, sensor: Sensor, sun: SunChoice, options: ImageOptions) -> Array | None:

@@ -74,10 +74,8 @@ def radius_at(distance_m: float) -> float:
     return math.asin(ratio)
 
 
-def penumbra_m(
-    distance_m: ArrayLike, elevation_rad: float, radius_rad: float = SOLAR_RADIUS_RAD
-) -> Array:
-    """Horizontal width of the penumbra of an edge on level terrain, metres.
+def penumbra_m(distance_m: ArrayLike, elevation_rad: float) -> Array:
+    """Horizontal width of the penumbra of an edge on level terrain, metres, at one astronomical unit (r: `SOLAR_RADIUS_RAD`).
 
     The edge is at the height H = d tan(e) above the terrain, at the distance d from the shadow of
     the disc's centre. The shadows of its upper and lower limb end at H cot(e + r) and H cot(e - r):
@@ -85,10 +83,11 @@ def penumbra_m(
     if the disc touches the horizontal plane or is below it. For relief of height H, d = H / tan(e).
     """
     distance = np.asarray(distance_m, dtype=np.float64)
-    if elevation_rad <= radius_rad:
+    r = SOLAR_RADIUS_RAD
+    if elevation_rad <= r:
         return np.full(distance.shape, np.inf)
-    low, high = math.sin(elevation_rad - radius_rad), math.sin(elevation_rad + radius_rad)
-    return distance * (math.tan(elevation_rad) * math.sin(2.0 * radius_rad) / (low * high))
+    low, high = math.sin(elevation_rad - r), math.sin(elevation_rad + r)
+    return distance * (math.tan(elevation_rad) * math.sin(2.0 * r) / (low * high))
 
 
 @dataclass(frozen=True)

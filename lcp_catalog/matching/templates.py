@@ -58,17 +58,12 @@ def node_pixels(catalog: Catalog, rows: Index, nodes_mcmf: Array, sensor: Sensor
     """Pixels (n, p, p, 2) of the nodes (n, p, p, 3) of the patches ``rows``; NaN for nodes that the
     sensor cannot see.
     """
-    if _is_quick(sensor) or not len(rows):
+    if isinstance(sensor.full, Camera) or not len(rows):  # projects by a closed form
         return sensor.project(nodes_mcmf)
     pixels, good = _interpolated(catalog, rows, nodes_mcmf, sensor)
     if not good.all():
         pixels[~good] = sensor.project(nodes_mcmf[~good])
     return pixels
-
-
-def _is_quick(sensor: Sensor) -> bool:
-    """True if the sensor projects by a closed form."""
-    return isinstance(sensor.full, Camera)
 
 
 def _interpolated(

@@ -348,7 +348,6 @@ def fit_reflectance(
     *,
     weight: float = WEIGHT,
     optics: Optics | None = None,
-    shadowing: Shadowing | None = None,
     albedo: float = ALBEDO,
     normalize: bool = True,
     progress: Progress | None = None,
@@ -360,7 +359,7 @@ def fit_reflectance(
     set the brightness themselves. ``weight``: C. ``progress``: called with the steps done and their
     total. MeasurementError if an incidence has no measurement around its specular direction.
     """
-    optics, shadowing = optics or Optics(), shadowing or Shadowing()
+    optics, shadowing = optics or Optics(), Shadowing()
     report = progress or (lambda done, total: None)
     taken = tuple(s.scaled() for s in measurements.samples) if normalize else measurements.samples
     task = _FitTask(taken, constants(optics, shadowing))

@@ -203,7 +203,7 @@ def solar_disc(
     )
     if not asked:
         return Decision(effect, False, f"{point}; {widest}; {exact}", 1.0, unit)
-    if width_px <= _penumbra_limit(accuracy):
+    if width_px <= (0.0 if accuracy.exact else PENUMBRA_PX):
         reason = f"{widest}, less than {PENUMBRA_PX}; {exact}"
         return Decision(effect, False, reason, 1.0, unit)
     reason = f"{widest}; {accuracy.tier}: the error is the measured rms over all nodes"
@@ -229,10 +229,6 @@ def disc_of_matches(node: Decision, lowest_deg: float) -> Decision:
             f"{DISC_SHIFT_DEG} deg"
         )
     return Decision(node.effect, False, reason, shift, "cells of a match (measured)")
-
-
-def _penumbra_limit(accuracy: Accuracy) -> float:
-    return 0.0 if accuracy.exact else PENUMBRA_PX
 
 
 PERSPECTIVE, PERSPECTIVE_UNIT = "perspective", "share of the radiance factor; rad of the angles"
