@@ -102,10 +102,11 @@ def chosen_by_search(inputs: list[Catalog], spacing_m: float) -> dict[int, tuple
             for row in range(len(one))
         )
     )
+    every = [places(one) for one in inputs]
     found: dict[int, tuple[int, int]] = {}
     for _, _, own, number, row in ranked:
-        here = places(inputs[number])[[row]]
-        near = [distances_m(here, places(inputs[k])[[r]])[0, 0] for k, r in found.values()]
+        there = np.array([every[k][r] for k, r in found.values()]).reshape(-1, 2)
+        near = distances_m(every[number][[row]], there)[0]
         if own not in found and all(away >= spacing_m for away in near):
             found[own] = (number, row)
     return found

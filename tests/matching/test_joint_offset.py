@@ -66,6 +66,7 @@ def clouds(shape: tuple[int, int], seed: int) -> np.ndarray:
     return found / found.std()
 
 
+@lru_cache(maxsize=4)
 def faint(photo: Image, seed: int, times: float = 6.0) -> Image:
     """The image with albedo variations ``times`` as strong as its shading."""
     shading = photo.signal + times * np.nanstd(photo.signal) * clouds(photo.signal.shape, seed)

@@ -170,9 +170,10 @@ def test_a_change_that_is_refused_is_not_named() -> None:
 
 
 def test_the_effect_is_that_of_a_build_of_the_part(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The figures that are said are those of catalogues of the same places, made as any other."""
+    """The figures that are said are those of catalogues of the same places, made as any other. One change is tried."""
+    monkeypatch.setattr("lcp_catalog.production.cures._TRIED", 1)
     run_ = BuildRun(planned(SMALL), tmp_path / "c.h5", try_cures_s=1e3)
     with caplog.at_level(logging.WARNING):
         run_.whole()

@@ -147,7 +147,12 @@ def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> Non
     assert found == {0: 4, 1: 9, 2: 16, 3: 25}
 
 
-@pytest.mark.parametrize("length", [40, 75, 76, 200])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "length", [pytest.param(40, marks=SLOW), 75, 76, pytest.param(200, marks=SLOW)]
+)
 def test_a_long_name_of_the_folder_for_temporary_files(tmp_path: Path, length: int) -> None:
     """The socket of the process that forks has a name of at most 107 bytes (unix(7)) in that folder."""
     folder = tempfile.mkdtemp(dir="/tmp")

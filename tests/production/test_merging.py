@@ -27,15 +27,21 @@ from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
 from lcp_catalog.production.merging import MergedMaps, merge_catalogs
-from lcp_catalog.production.overlap import MergedPart
+from lcp_catalog.production.overlap import Agreement, MergedPart
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.validation.claims import search_radius_m
 
-pytestmark = pytest.mark.usefixtures("unchecked")
+pytestmark = pytest.mark.usefixtures("unchecked", "uncompared")
 
 STATUS_ORDER = [4, 1, 2, 3, 5, 0]
 """Codes of a cell's status: of several reports the one that comes last here holds."""
+
+
+@pytest.fixture
+def uncompared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether heights agree, which takes half of a merge's time, is asked in test_overlap and in tests/cli/test_merge."""
+    monkeypatch.setattr(merging, "agreement", lambda *_: Agreement())
 
 
 @pytest.fixture(scope="module")

@@ -99,13 +99,13 @@ def nodes(sweep: Sweep, window: tuple[slice, slice]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def seen() -> tuple[np.ndarray, dict[tuple[int, int], np.ndarray]]:
-    """By how much the triangles rise above the lines from the nodes around node (20, 19) of the core to a
-    camera over it, and above those to each Sun; brute force.
+    """By how much the triangles rise above the lines from every second node around node (20, 19) of the core to
+    a camera over it, and above those to each Sun; brute force.
     """
     sweep = swept(hill(), config([NEAR_KM]))
     z = sweep.field.z_m.astype(np.float64)
     top, bottom, left, right = sweep.over(20, 19, MARGIN)[0].window
-    part = np.s_[top:bottom, left:right]
+    part = np.s_[top:bottom, left:right:2]
     hides = node_margins_to(z, in_cells(sweep, camera_over(sweep, 20, 19, 1e3 * NEAR_KM)), part)
     shades = {
         (i, j): node_margins(z, twins.in_cells(sweep.sun_directions[i, j], CELL_M), part)
@@ -123,10 +123,10 @@ def test_an_image_from_a_near_camera_is_that_of_brute_force(seen, law: str) -> N
     own, row0, col0 = sweep.over(20, 19, MARGIN)
     top, bottom, left, right = own.window
     assert (top, left) == (sweep.window[0] + row0, sweep.window[2] + col0)
-    part = np.s_[top:bottom, left:right]
+    part = np.s_[top:bottom, left:right:2]
     towards = camera_over(sweep, 20, 19, 1e3 * NEAR_KM) - nodes(own, part)
     towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
-    normals, hides = own.normals.astype(np.float64), seen[0]
+    normals, hides = own.normals[:, ::2].astype(np.float64), seen[0]
     mu, some_hidden = np.sum(normals * towards, axis=-1), 0
     images = list(own.images())
     assert len(images) == 4
@@ -140,7 +140,8 @@ def test_an_image_from_a_near_camera_is_that_of_brute_force(seen, law: str) -> N
         clear = (abs(hides) > 1e-3) & (abs(shades) > 1e-3) & (abs(mu) > 1e-4) & (abs(mu0) > 1e-4)
         some_hidden += int((np.isnan(expected) & clear).sum())
         assert clear.mean() > 0.9
-        np.testing.assert_allclose(image.radiance[clear], expected[clear], rtol=2e-5, atol=2e-6)
+        found = image.radiance[:, ::2]
+        np.testing.assert_allclose(found[clear], expected[clear], rtol=2e-5, atol=2e-6)
     assert some_hidden > 20
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from scipy.ndimage import gaussian_filter
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.production.merging import merge_catalogs
-from lcp_catalog.production.overlap import MergedPart, agreement
+from lcp_catalog.production.overlap import Agreement, MergedPart, agreement
 from lcp_catalog.terrain.area import Area
 
 pytestmark = pytest.mark.usefixtures("unchecked")
@@ -38,17 +39,31 @@ CONTRADICTIONS = {
 }
 
 
+def compared(one: Catalog, other: Catalog) -> Agreement:
+    """As a merge compares them, without the files."""
+    region = [Area.from_bounds(2.1, 24.9, 4.9, 27.1)]
+    return agreement(MergedPart(one, region), MergedPart(other, region))
+
+
 @pytest.mark.parametrize("what", ["overviews", "patches"])
 @pytest.mark.parametrize("change", CONTRADICTIONS)
-def test_contradicting_heights_of_the_same_ground_are_refused(
-    what: str, change: str, inputs: list[Catalog], tmp_path: Path
+def test_contradicting_heights_of_the_same_ground_are_found(
+    what: str, change: str, inputs: list[Catalog]
 ) -> None:
-    other = relief(inputs[1], CONTRADICTIONS[change], what)
     sigma = {**inputs[1].errors, "height_sigma_m": 2.0}
-    paths = written(tmp_path, [replace(one, errors=sigma) for one in (inputs[0], other)])
-    says = rf"cannot be merged with .*: its heights differ by .* places of the {what}\), beyond"
+    one, other = (replace(each, errors=sigma) for each in inputs)
+    other = relief(other, CONTRADICTIONS[change], what)
+    says = rf"its heights differ by .* places of the {what}\), beyond"
+    for pair in ((one, other), (other, one)):
+        assert re.match(says, compared(*pair).fault)
+
+
+def test_contradicting_catalogues_are_refused_in_any_order(
+    inputs: list[Catalog], tmp_path: Path
+) -> None:
+    paths = written(tmp_path, [inputs[0], relief(inputs[1], lambda z: z + 1e4, "overviews")])
     for order in (paths, paths[::-1]):
-        with pytest.raises(CatalogError, match=says) as raised:
+        with pytest.raises(CatalogError, match=r"cannot be merged with .*: its heights") as raised:
             merge_catalogs(order, tmp_path / "m.h5")
         assert "\n" not in str(raised.value)
     assert not (tmp_path / "m.h5").exists()
@@ -92,6 +107,7 @@ def showing(
     return replace(catalog, overview=view, errors=errors)
 
 
+@cache
 def other_product(seed: int) -> Surface:
     """Hadley as another survey would have it: half as sharp, with errors of 15 m alike over 500 m and 8 m over 12 km."""
     dice = np.random.default_rng(seed)
@@ -129,17 +145,22 @@ SHIFTS = [
 ]  # fmt: skip
 
 
+SURFACES: dict[str, Callable[[], Surface]] = {
+    "same DEM": lambda: real_heights.hadley,
+    "another product": lambda: other_product(1),
+}
+
+
 @pytest.mark.parametrize(("shift", "says"), SHIFTS)
-@pytest.mark.parametrize("surface", [real_heights.hadley, other_product(1)])
-def test_ground_that_lies_elsewhere_is_refused(
-    shift: dict[str, float], says: str, surface: Surface, inputs: list[Catalog], tmp_path: Path
+@pytest.mark.parametrize("product", SURFACES)
+def test_ground_that_lies_elsewhere_is_found(
+    shift: dict[str, float], says: str, product: str, inputs: list[Catalog]
 ) -> None:
-    """A cell of GLD100 or a half, and 100 m up, of the same DEM and of another product; in any order."""
-    west, east = showing(inputs[0], real_heights.hadley), showing(inputs[1], surface, **shift)
-    paths = written(tmp_path, [west, east])
-    for order in (paths, paths[::-1]):
-        with pytest.raises(CatalogError, match=says):
-            merge_catalogs(order, tmp_path / "m.h5")
+    """A cell of GLD100 or a half, and 100 m up; in any order."""
+    west = showing(inputs[0], real_heights.hadley)
+    east = showing(inputs[1], SURFACES[product](), **shift)
+    for pair in ((west, east), (east, west)):
+        assert re.match(says, compared(*pair).fault)
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
@@ -209,27 +230,33 @@ def strip(inputs: list[Catalog], columns: int, surface: Surface, **shift: float)
     return found
 
 
-@pytest.mark.parametrize("surface", [real_heights.hadley, other_product(1)])
+@pytest.mark.parametrize("product", SURFACES)
 @pytest.mark.parametrize(
     "shift", [{"east_m": 474.0}, {"north_m": 474.0}, {"east_m": -335.0, "north_m": 335.0}]
 )
 def test_a_strip_of_shared_ground_shows_a_shift(
-    shift: dict[str, float], surface: Surface, inputs: list[Catalog], tmp_path: Path
+    shift: dict[str, float], product: str, inputs: list[Catalog]
 ) -> None:
     """Four columns of 450 m; blocks of a broad area would hold too few places each."""
-    paths = written(tmp_path, strip(inputs, 4, surface, **shift))
-    with pytest.raises(
-        CatalogError, match=r"the same ground lies \d+ \+- \d+ m apart \(fitted to \d{3} places"
-    ):
-        merge_catalogs(paths, tmp_path / "m.h5")
+    fault = compared(*strip(inputs, 4, SURFACES[product](), **shift)).fault
+    assert re.match(r"the same ground lies \d+ \+- \d+ m apart \(fitted to \d{3} places", fault)
 
 
 @pytest.mark.parametrize("columns", [1, 2])
-def test_what_a_small_overlap_does_not_show_is_said(
-    columns: int, inputs: list[Catalog], tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_a_small_overlap_does_not_show(columns: int, inputs: list[Catalog]) -> None:
     """Also of ground that is shifted; not of catalogues from the same files."""
-    shifted = strip(inputs, columns, real_heights.hadley, east_m=474.0)
+    one, other = strip(inputs, columns, real_heights.hadley, east_m=474.0)
+    found = compared(one, other)
+    assert found.fault == ""
+    assert found.unseen.startswith("a shift of the ground of any size could not be seen: ")
+    assert re.search(r"\d places of the overviews are too few, or too flat", found.unseen)
+    assert compared(one, replace(other, sources=one.sources)) == ("", "")
+
+
+def test_what_a_merge_could_not_see_is_said(
+    inputs: list[Catalog], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    shifted = strip(inputs, 1, real_heights.hadley, east_m=474.0)
     same = [replace(one, sources=shifted[0].sources) for one in shifted]
     merge_catalogs(written(tmp_path, same, "p"), tmp_path / "same.h5")
     assert caplog.text == ""
@@ -237,19 +264,18 @@ def test_what_a_small_overlap_does_not_show_is_said(
     (record,) = caplog.records
     says = record.getMessage()
     assert ".h5, but a shift of the ground of any size could not be seen: " in says
-    assert re.search(r"\d places of the overviews are too few, or too flat", says)
 
 
 @pytest.mark.parametrize(
     "seed", [0, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 4, 5))]
 )
-def test_honest_products_are_merged_whatever_they_share(
-    seed: int, inputs: list[Catalog], tmp_path: Path
-) -> None:
+def test_honest_products_agree_whatever_they_share(seed: int, inputs: list[Catalog]) -> None:
     for columns in (2, 3, 4, 6):
-        pair = strip(inputs, columns, other_product(seed), east_m=75.0, north_m=-75.0, up_m=25.0)
-        parts = [MergedPart(one, [Area.from_bounds(2.1, 24.9, 4.9, 27.1)]) for one in pair]
-        assert agreement(*parts).fault == ""
+        one, other = strip(
+            inputs, columns, other_product(seed), east_m=75.0, north_m=-75.0, up_m=25.0
+        )
+        other = replace(other, sources=one.sources)  # what could not be seen is not asked
+        assert compared(one, other).fault == ""
 
 
 def test_heights_of_other_ground_are_not_compared(inputs: list[Catalog], tmp_path: Path) -> None:

@@ -86,13 +86,13 @@ def suns_that_happen(rng: np.random.Generator, lat_deg: np.ndarray) -> np.ndarra
 
 
 def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Catalog) -> None:
-    """1000 cameras anywhere in the region under any Sun that can happen there: in the footprint lie at
+    """400 cameras anywhere in the region under any Sun that can happen there: in the footprint lie at
     least as many points, usable by `predict`, as are stored for the nearest place, and where the
     cause is MET as many as are promised.
     """
     rng, told = np.random.default_rng(7), catalog.promise
     assert told is not None
-    lon, lat = (np.tile(part, 5) for part in plan.recipe.region.lattice(101))
+    lon, lat = (np.tile(part, 2) for part in plan.recipe.region.lattice(101))
     sun = suns_that_happen(rng, lat)
     row, column = (
         np.searchsorted(grid, np.nan_to_num(part), side="right") - 1
@@ -110,8 +110,8 @@ def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Cata
     claimed = np.bincount(camera, np.isfinite(found.detection_probability), len(some)) > 0
     usable = np.bincount(camera, found.usable, len(some))[claimed]
     asked = some[claimed]
-    assert len(asked) >= 1000
-    assert np.count_nonzero(cause[asked] == Cause.MET) > 100
+    assert len(asked) >= 400
+    assert np.count_nonzero(cause[asked] == Cause.MET) > 40
     assert (usable >= stored[asked]).all()
     enough = usable >= told.demand[place[asked]]
     assert enough[cause[asked] == Cause.MET].all()

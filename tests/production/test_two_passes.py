@@ -174,7 +174,11 @@ def test_what_fails_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(apart) == len(catalog)
 
 
-@pytest.mark.parametrize("config", [TWO, PROMISED], ids=["spacing", "promise"])
+@pytest.mark.parametrize(
+    "config",
+    [pytest.param(TWO, marks=pytest.mark.slow), PROMISED],
+    ids=["spacing", "promise"],
+)
 def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
     config: BuildConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,7 +207,9 @@ def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
 
 
 @pytest.mark.parametrize(
-    ("config", "little_mb"), [(TWO, 2.0), (PROMISED, 0.7)], ids=["spacing", "promise"]
+    ("config", "little_mb"),
+    [(TWO, 2.0), pytest.param(PROMISED, 0.7, marks=pytest.mark.slow)],
+    ids=["spacing", "promise"],
 )
 def test_ground_is_made_once_where_there_is_room_and_changes_no_byte(
     config: BuildConfig, little_mb: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -312,7 +318,7 @@ LEVELS = replace(
 
 @pytest.mark.parametrize(
     ("config", "jobs"),
-    [(TWO, 1), (TWO, 2), (PROMISED, 2), (LEVELS, 1)],
+    [(TWO, 1), pytest.param(TWO, 2, marks=pytest.mark.slow), (PROMISED, 2), (LEVELS, 1)],
     ids=["spacing", "spacing-2", "promise-2", "levels"],
 )
 def test_parts_give_the_bytes_of_one_build(config: BuildConfig, jobs: int, tmp_path: Path) -> None:
