@@ -12,6 +12,7 @@ import click
 import pytest
 from lcp_cli.main import cli
 
+from lcp_catalog.catalog.schema import PROMISE, VARIABLES
 from lcp_catalog.fields import meanings
 from lcp_catalog.production.config import BuildConfig
 
@@ -142,6 +143,16 @@ def test_every_field_of_the_configuration_is_told() -> None:
             assert meaning.text.endswith("."), name
             assert f"| `{section}.{name}` | {meaning.text} |" in table
     assert "| be above 0 and at most 50000 | about half of what the DEM resolves" in table
+
+
+def test_every_variable_of_a_catalogue_is_told() -> None:
+    """The tables are made from the file's schema, which a hook puts in place of marks."""
+    hook = runpy.run_path(str(ROOT / "docs" / "hooks" / "fields.py"))
+    page = (ROOT / "docs" / "reference" / "catalogue-format.md").read_text(encoding="utf-8")
+    table = hook["on_page_markdown"](page)
+    for name, one in {**VARIABLES, **PROMISE}.items():
+        assert one.dims == (name,) or f"| `{name}` | {', '.join(one.dims)} |" in table, name
+    assert "| `gsd` | point | m | cell size of the patch |" in table
 
 
 def test_every_page_is_in_the_navigation() -> None:

@@ -1,10 +1,25 @@
 """Files that were given in the place of others."""
 
+import os
 from pathlib import Path
 
 import pytest
 
-from lcp_catalog.file_kinds import other_kind
+from lcp_catalog.errors import LabelError
+from lcp_catalog.file_kinds import may_wait, other_kind
+from lcp_catalog.pds.label import beginning
+
+
+def test_pipes_and_devices_may_wait_and_nothing_else(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("pipe")
+    (tmp_path / "plain").write_bytes(b"some")
+    (tmp_path / "broken").symlink_to("none")
+    assert all(map(may_wait, (tmp_path / "pipe", tmp_path / "link", "/dev/zero")))
+    assert not any(may_wait(tmp_path / name) for name in ("plain", "broken", "none", "."))
+    with pytest.raises(LabelError, match="/dev/zero: is a pipe or a device; only plain files"):
+        beginning(Path("/dev/zero"), 10)
+    assert beginning(tmp_path / "plain", 3) == b"som"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""mkdocs hook: the tables of the configuration's fields and of the approximations, from the code."""
+"""mkdocs hook: the tables of the configuration's fields, of the approximations and of the catalogue's variables, from the code."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from typing import Any, get_type_hints
 
 from lcp_catalog.approximations import APPROXIMATIONS, SAMPLE
+from lcp_catalog.catalog.schema import PROMISE, VARIABLES, Variable
 from lcp_catalog.fields import Meaning, meanings
 from lcp_catalog.production.config import BuildConfig
 
 MARK, APPROXIMATED = "<!-- fields -->", "<!-- approximations -->"
+STORED, PROMISED = "<!-- variables -->", "<!-- promise -->"
 
 
 def _default(value: object, meaning: Meaning) -> str:
@@ -35,9 +37,20 @@ def approximations() -> Iterator[str]:
         yield f"| {one.name} | {one.bound} | {switch} | {one.sample or one.price} |"
 
 
+def _variables(group: dict[str, Variable]) -> Iterator[str]:
+    """Lines of the table of a group's variables; those that only number a dimension are left out."""
+    yield "| variable | dimensions | unit | meaning |\n| --- | --- | --- | --- |"
+    for name, one in group.items():
+        if one.dims != (name,):
+            unit = "" if one.units == "1" else one.units
+            yield f"| `{name}` | {', '.join(one.dims)} | {unit} | {one.long_name} |"
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """The page with the tables in place of the marks."""
-    for mark, rows in ((MARK, _rows), (APPROXIMATED, approximations)):
+    tables = {MARK: _rows, APPROXIMATED: approximations}
+    tables |= {STORED: lambda: _variables(VARIABLES), PROMISED: lambda: _variables(PROMISE)}
+    for mark, rows in tables.items():
         if mark in markdown:
             markdown = markdown.replace(mark, "\n".join(rows()))
     return markdown

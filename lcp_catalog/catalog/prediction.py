@@ -18,7 +18,7 @@ from ..geometry.frames import direction_enu
 from ..landmarks.point_spread import sharper_sigma
 from ..landmarks.relief_signal import log_signal, peak_height, probability_at
 from .catalogue import Catalog
-from .schema import DETECTION_STEP, UNOCCLUDED, UNSHADOWED, reaches
+from .schema import DETECTION_STEP, PACKED, UNOCCLUDED, UNSHADOWED, reaches
 
 VIEW_REACH_DEG = 20.0
 """Distance of a view from those of the catalogue up to which the claims of the nearest hold. In two regions with
@@ -206,7 +206,7 @@ def _interpolated(
     """
     index, weight = _combined(tuple(axis.some(which) for axis in axes))
     flags = catalog.at("condition", rows, index[1:])
-    given = {name: catalog.at(name, rows, index).astype(np.float64) for name in _NAMES}
+    given = {name: catalog.at(name, rows, index).astype(np.float64) for name in PACKED}
     probability = given["detection_probability"]
     known = np.isfinite(probability) & (weight > _LEAST_WEIGHT)
     whole = weight.sum(axis=1)
@@ -236,9 +236,6 @@ def _interpolated(
     columns = (np.where(enough, values, np.nan) for values in (_logistic(mean_logit), *ellipse))
     probability, major, minor, angle = columns
     return Prediction(probability, major, minor, angle, cause)
-
-
-_NAMES = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 
 
 def _combined(axes: tuple[_Weights, ...]) -> tuple[list[Index], Array]:

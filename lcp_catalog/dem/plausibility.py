@@ -30,7 +30,8 @@ _LEAST, _MOST = 2e-4, 2.0
 """Limits of a relief, per length of the side of a square with the area of the heights."""
 _KM, _KM_SIDE_M = 11.0, 5000.0
 """Heights of the Moon in kilometres are within this range; over such a side, heights in metres are not."""
-ALL_ZERO = "every pixel is zero: an incomplete download; fetch the file again"
+_FETCH = "an incomplete download; fetch the file again"
+ALL_ZERO = f"every pixel is zero: {_FETCH}"
 """What is said of a file without any other height: `file_check` calls it unsound, others warn."""
 
 
@@ -41,8 +42,9 @@ def doubts(
     a height.
     """
     grid = dem.grid
-    if low_m == high_m == 0.0 and known == pixels == grid.width * grid.height:
-        yield ALL_ZERO
+    if low_m == high_m == 0.0 and known == pixels:
+        whole = pixels == grid.width * grid.height
+        yield ALL_ZERO if whole else f"every pixel that was looked at is zero: {_FETCH}"
         return
     area_km2 = known / pixels * grid.width * grid.height
     area_km2 *= float(pixel_km2(grid, 0.5 * (grid.width - 1), 0.5 * (grid.height - 1)))

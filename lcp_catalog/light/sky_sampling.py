@@ -25,7 +25,7 @@ from ..arrays import Array
 from ..cameras.view import CameraView, View
 from ..geometry.frames import direction_enu_rad
 from ..kernels.photometry import sky as kernel
-from ..photometry.laws import Reflectance
+from ..photometry.laws import Reflectance, planes_of
 from ..terrain.far_terrain import HorizonPoints
 from ..terrain.heightfield import Window
 from ..terrain.occlusion import occluded_sweep
@@ -120,7 +120,7 @@ def sky_at_nodes(
         lights = _over_nodes(terrain, samples, window, hiding)
         normals, light = terrain.field.normals(window), samples.irradiance
         if not isinstance(view, CameraView) and not accuracy.float64:
-            planes, camera = _planes(normals), np.asarray(view.direction, dtype=np.float64)
+            planes, camera = planes_of(normals), np.asarray(view.direction, dtype=np.float64)
             for directions, dark in lights:
                 kernel.add_to_planes(
                     planes, camera, directions, dark, light, model.code, model.numbers, block
@@ -177,11 +177,6 @@ def sky_at_points(
             normals, towards, directions, dark, samples.irradiance, code, numbers, total
         )
     return total
-
-
-def _planes(normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Components of normals (rows, cols, 3) as one raster each."""
-    return np.ascontiguousarray(np.moveaxis(normals, -1, 0))
 
 
 def _cameras(view: View, points_m: Array) -> Array:

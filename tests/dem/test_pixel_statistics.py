@@ -55,7 +55,7 @@ class TestPixels:
         )
         problems = [p for p in check_dem(path).problems if "states M" not in p]
         assert len(problems) == 1
-        assert f"the value {value} occurs in 5 pixels (0.12%)" in problems[0]
+        assert f"the value {value} occurs in 5 pixels (0.12 %)" in problems[0]
         assert "MISSING_CONSTANT" in problems[0]
 
     def test_a_sign_within_the_possible_heights(

@@ -89,14 +89,17 @@ def test_relief_against_what_the_moon_has(
     assert all(says in text for text in found if says)
 
 
-@pytest.mark.parametrize("side", [4, 800])
+@pytest.mark.parametrize(("side", "seen"), [(4, 1024), (800, 1024), (800, 64)])
 def test_zeros_alone_are_one_line_in_the_words_of_the_check(
-    side: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    side: int, seen: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = written(tmp_path / "zero.tif", np.zeros((side, side), np.float32))
     (problem,) = check_dem(path).problems
+    assert "every pixel is zero: an incomplete download" in problem
+    if seen < side:
+        problem = problem.replace("pixel", "pixel that was looked at")
     dems = DemSet.open([path])
-    warn_of_doubts(dems, dems.bounds, 1024)
+    warn_of_doubts(dems, dems.bounds, seen)
     assert [record.getMessage() for record in caplog.records] == [problem]
 
 
