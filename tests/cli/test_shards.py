@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from lcp_catalog.choices import EXPORTS
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.exports.flight import HEADER
 from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.production.overlap import Agreement
 
 SUN = "--sun-azimuth 100 --sun-elevation 17"
 HALVES = {"west": (2.1, 3.7), "east": (3.4, 4.9)}
@@ -44,6 +46,14 @@ def halves(every: Catalog, name: str, folder: Path) -> list[str]:
         files.append(f"{name}-{side}.h5")
         write_catalog(part, folder / files[-1])
     return files
+
+
+@pytest.fixture(scope="module", autouse=True)
+def uncompared() -> Iterator[None]:
+    """Whether heights agree, which takes half of a merge's time, is asked in tests/production/test_overlap."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lcp_catalog.production.merging.agreement", lambda *_: Agreement())
+        yield
 
 
 @pytest.fixture(scope="module")

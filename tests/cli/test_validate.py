@@ -364,11 +364,17 @@ def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, 
             assert image["claims"]["reason"] == "the image was not located"
 
 
-def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys) -> None:
-    """The file is a section of a BUILD.toml and holds the library's fit. The frame is rendered from the
-    catalogue's own DEM, so that the fit finds small errors of heights and places.
+def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys, monkeypatch) -> None:
+    """The file is a section of a BUILD.toml and holds the library's fit, of the residuals at the found place. The
+    frame is rendered from the catalogue's own DEM, so that the fit finds small errors of heights and places.
     """
-    out, errors = tmp_path / "out", tmp_path / "errors.toml"
+    out, errors, fits = tmp_path / "out", tmp_path / "errors.toml", []
+
+    def fit(samples, stated):
+        fits.append((samples, stated, fit_errors(samples, stated)))
+        return fits[-1][-1]
+
+    monkeypatch.setattr("lcp_catalog.validation.error_fit.fit_errors", fit)
     assert validated(place, "--fit-errors", str(errors), out=str(out)) == 0
     printed = capsys.readouterr()
     found = json.loads((out / "report.json").read_text())["images"][0]["points_found"]
@@ -387,7 +393,12 @@ def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys) -> None:
     kept = [k for k, code in enumerate(matches.code) if code in SEARCHED]
     pixels = [matches.found_px[k] if matches.found[k] else (np.nan, np.nan) for k in kept]
     sample = residuals_of(catalog, sight, matches.point[kept], np.array(pixels), law)
-    wanted = fit_errors([sample], ErrorModel.from_dict(catalog.errors))
+    (((given,), stated, wanted),) = fits
+    assert stated == ErrorModel.from_dict(catalog.errors)
+    for name in ("residual", "valid", "patches", "place_m"):
+        np.testing.assert_allclose(
+            getattr(given, name), getattr(sample, name), atol=1e-6, err_msg=name
+        )
     for name, value in wanted.to_dict().items():
         assert getattr(model, name) == pytest.approx(value, rel=1e-3, abs=1e-12), name
     assert model.position_sigma_m < 30.0  # a pixel is 240 m

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from helpers import areas_once as once
 from helpers import merges
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.catalog import comparison
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.production import run
 from lcp_catalog.production.run import Build, BuildRun
 
 
@@ -23,6 +25,12 @@ def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = tmp_path_factory.mktemp("build") / "small.h5"
     BuildRun(plan, output).whole()
     return output
+
+
+@pytest.fixture
+def areas_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Areas of the same configuration are computed once in this process."""
+    monkeypatch.setattr(run, "run_area", once.run_area)
 
 
 @pytest.fixture(scope="module")

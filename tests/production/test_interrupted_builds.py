@@ -9,31 +9,18 @@ from pathlib import Path
 
 import pytest
 import rasterio.shutil
+from helpers.areas_once import run_area
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, OutputError, OutputExistsError
-from lcp_catalog.production import run
+from lcp_catalog.production import area_job, run
 from lcp_catalog.production.area_job import AreaJob, AreaResult
-from lcp_catalog.production.area_job import run_area as computed_area
 from lcp_catalog.production.checkpoints import Checkpoints
 from lcp_catalog.production.finished_area import finished_area
 from lcp_catalog.production.run import Build, BuildRun
 
-_RESULTS: dict[tuple[str, str], AreaResult] = {}
-
-
-def run_area(job: AreaJob) -> AreaResult:
-    """Areas of the same configuration and DEM are computed once for all builds of this module."""
-    key = job.task.name, job.recipe.config.to_toml()
-    if key not in _RESULTS:
-        _RESULTS[key] = computed_area(job)
-    return _RESULTS[key]
-
-
-@pytest.fixture(autouse=True)
-def areas_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run, "run_area", run_area)
+pytestmark = pytest.mark.usefixtures("areas_once")
 
 
 def test_a_broken_run_is_resumed(
@@ -217,7 +204,7 @@ def test_an_input_that_changes_while_the_build_runs_is_refused(
         BuildRun(plan, output, progress=change).whole()
         return
     if how == "removed":
-        monkeypatch.setattr(run, "run_area", computed_area)  # cannot read the file
+        monkeypatch.setattr(run, "run_area", area_job.run_area)  # cannot read the file
     with pytest.raises(AreaFailedError, match=r"\.tif: was changed.*`resume`"):
         BuildRun(plan, output, progress=change).whole()
     assert not output.exists()

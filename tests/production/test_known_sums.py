@@ -25,6 +25,8 @@ from lcp_catalog.production import run
 from lcp_catalog.production.cluster import Expected
 from lcp_catalog.production.run import Build, BuildPart, BuildRun
 
+pytestmark = pytest.mark.usefixtures("areas_once")
+
 
 def another_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Forget all sums; return the list of the files that are read for theirs from now on."""

@@ -12,6 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from helpers.areas_once import run_area
 from helpers.small_build import CONFIG, DEM
 
 from lcp_catalog.catalog.schema import NO_CELL, Cause
@@ -19,7 +20,7 @@ from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Places, select
 from lcp_catalog.production import area_job, run, two_passes
-from lcp_catalog.production.area_job import FIRST, AreaJob, AreaResult, run_area
+from lcp_catalog.production.area_job import FIRST, AreaJob, AreaResult
 from lcp_catalog.production.assembly import spacing_m
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import Evaluation
@@ -30,6 +31,8 @@ from lcp_catalog.production.run import Build, BuildPart, BuildRun
 from lcp_catalog.production.worker_memory import worker_mb
 from lcp_catalog.rendering.decisions import Decision
 from lcp_catalog.terrain.terrain import Terrain
+
+pytestmark = pytest.mark.usefixtures("areas_once")
 
 TWO = replace(CONFIG, points=replace(CONFIG.points, passes=2))
 PROMISED = replace(
@@ -222,6 +225,7 @@ def test_ground_is_made_once_where_there_is_room_and_changes_no_byte(
         return terrain(job)
 
     monkeypatch.setattr(area_job, "_terrain", counted)
+    monkeypatch.setattr(run, "run_area", area_job.run_area)
     plan = Build.plan((DEM,), config)
     areas = len(plan.jobs)
     found, again = [], []
