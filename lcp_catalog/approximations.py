@@ -21,20 +21,41 @@ def _none(config: Any) -> Values:
     return {}
 
 
+EXACT, LIMIT, MEASURED, ON_SAMPLE = "exact", "limit", "measured", "sample, no bound"
+"""Where the figure of an error is from: a formula or a proof; the code, which lets no more pass; the greatest of the
+measurements that the row names; what the alternatives to the sample's configuration change."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """An error as one number: ``value``, in ``unit``, of ``what``; ``basis``: `EXACT`, `LIMIT`, `MEASURED` or `ON_SAMPLE`."""
+
+    value: float
+    unit: str
+    what: str
+    basis: str
+
+    def __str__(self) -> str:
+        value = f"{self.value:g}".replace("e-0", "e-")
+        return f"{value}{self.unit and ' '}{self.unit} of {self.what} ({self.basis})"
+
+
 @dataclass(frozen=True)
 class Approximation:
-    """One approximation. ``switch``: the fields of the configuration that control it, or none, the reason in
-    ``unpriced`` and what it was measured to save or to change in ``price``; ``bound``: its error and the source of the figure; ``values``: alternatives to a configuration with
+    """One approximation. ``error``: its greatest error as one number; ``bound``: that error in words, its conditions and the
+    source of the figure; ``switch``: the fields of the configuration that control it, or none, the reason in
+    ``unpriced`` and what it was measured to save or to change in ``price``; ``values``: alternatives to a configuration with
     a cell size, coarser ones first; ``effects``, ``settings``, ``constants``: decisions of a scene plan, fields of an
     accuracy tier, constants and functions that are part of it; ``expected``: share of the usable conditions that
     its alternatives change on the sample, by which they are measured in turn; ``slower``: time of its slowest
-    alternative, over that of the configuration, on the sample; ``fineness`` of a configuration: greater is finer; None
+    alternative, over that of the configuration, at least and at most of what was measured; ``fineness`` of a configuration: greater is finer; None
     where another value is another catalogue, not the same one computed otherwise; ``sample``: of each alternative there
     its time over that of the configuration, the share of the usable conditions that it changes (90 % interval of the mean
     over areas), and points lost and gained (`SAMPLE`).
     """
 
     name: str
+    error: Figure
     bound: str
     switch: tuple[str, ...] = ()
     values: Callable[[Any], Values] = _none
@@ -44,9 +65,14 @@ class Approximation:
     settings: tuple[str, ...] = ()
     constants: tuple[str, ...] = ()
     expected: float = 0.0
-    slower: float = 1.0
+    slower: tuple[float, float] = (1.0, 1.0)
     fineness: Callable[[Any], float] | None = None
     sample: str = ""
+
+    def sample_times(self) -> dict[str, float]:
+        """Times of the alternatives of ``sample`` by name."""
+        told = (one.rpartition(": ") for one in self.sample.split("; ") if one)
+        return {name: float(figures.partition(",")[0]) for name, _, figures in told}
 
 
 def _numbers(field: str, *factors: float) -> Callable[[Any], Values]:
@@ -164,6 +190,7 @@ def _scales(config: Any) -> Values:
 APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "accuracy tier",
+        Figure(0.5, "%", "the nodes with a wrong shadow in `draft`; 0.02 in `standard`, 0 above", MEASURED),
         "wrong shadows at no more than 0.5, 0.02, 0 and 0 % of the nodes (measured, 4fadbe6, 2026-11-21; `high` proved)",
         ("model.accuracy", "model.tolerance"), _tiers,
         effects=("cast shadows", "occlusion"),
@@ -174,21 +201,24 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "reflectance law",
-        "rms difference from Hapke's image, stated by the scene plan: where the law is chosen at most 0.1, 0.05, 0.01 and 0 of the mean signal by tier",
+        Figure(10.0, "%", "the mean signal, rms, in `draft`; 5, 1 and 0 in the others", LIMIT),
+        "rms difference from Hapke's image, gain and offset free, stated by the scene plan: where the law is chosen at most 10, 5, 1 and 0 % of the mean signal by tier; a law that is asked for is only stated",
         ("model.reflectance",), _choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
-        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS", "kernels.photometry.facet.TABLE", "kernels.photometry.facet.CONE_SIN"), expected=0.02, fineness=_law,
+        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS", "rendering.plan._PHASES", "kernels.photometry.facet.TABLE", "kernels.photometry.facet.CONE_SIN"), expected=0.02, fineness=_law,
         sample="lommel-seeliger:rolo: 1.04, 6.6 % (4.7..8.5), 10/11; hapke:rolo: 1.29, 2.2 % (1.1..3.4), 8/7",
     ),
     Approximation(
         "brightness of the ground",
-        "without a map the map's contrast, which the scene plan states; of what no map holds `errors.albedo_sigma`; on your scene measured by `lcp trade`",
+        Figure(26.0, "%", "the mean radiance, rms over the Moon, without a map", MEASURED),
+        "without a map the map's contrast, which the scene plan states for your area: standard deviation over mean 26 % on the whole Moon, 23 % on the sample's map (35b57c98, 2026-11-28); what no map holds is `errors.albedo_sigma`",
         ("model.albedo", "model.albedo_encoding", "model.albedo_reference"), _choices("model.albedo", "none", "moon"),
         effects=("albedo",), expected=0.08,
         sample="none: 0.98, 8 % (2.1..14), 18/18; moon: 1.22, 2.2 % (0.15..4.2), 8/8",
     ),
     Approximation(
         "one direction per area",
-        "a Sun and a view wrong by the tolerance: 2.3, 0.6 and 0.4 % of the `unshadowed` flags at 5, 10 and 12 deg of Sun of the sample in `draft` and `standard` (4.7 % at 84 N, 0.5 deg), stated by the scene plan; none up to 15 deg in `high` and `reference`; nearly proportional to the tolerance (measured, decision 5)",
+        Figure(4.7, "%", "the `unshadowed` flags under the lowest Sun measured, 0.5 deg, in `draft` and `standard`; 0 above", MEASURED),
+        "a Sun and a view wrong by the tolerance: 4.7 % at 0.5 deg of Sun (84 N), 2.3, 0.6 and 0.4 % at 5, 10 and 12 deg (sample), stated by the scene plan; none up to 15 deg in `high` and `reference`; nearly proportional to the tolerance (c167345, ede1714, 2b1335ac, 2026-11-27, decision 5)",
         ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
         effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT", "production.build_decisions.TURNED"), expected=0.01,
         fineness=lambda c: 0.01 * c.model.precision.own_sun_deg - c.model.direction_tolerance_deg,
@@ -196,13 +226,15 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "parallel or near views",
-        "radians: half the patch and the search radius over the distance (exact), stated by the scene plan; parallel below `model.direction_tolerance_deg`",
+        Figure(0.0087, "rad", "the direction to a near camera whose rays are taken as parallel", LIMIT),
+        "half the patch and the search radius over the distance (exact, stated by the scene plan); taken as parallel up to `model.direction_tolerance_deg`, 0.5 deg",
         ("view.altitude_km",), _altitudes, effects=("perspective",),
         constants=("production.sweep._LOWEST_VIEW_DEG", "rendering.error_bounds.SHIFT_PX"), expected=0.0001,
         sample="near, 100 km: 8.46, 1.9 % (0.88..2.8), 4/4",
     ),
     Approximation(
         "views, interpolated between",
+        Figure(0.05, "", "a probability, mean over points", MEASURED),
         "claims of the nearest view hold to 20 deg: mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25)",
         ("view.off_nadir_deg", "view.azimuth_deg"), _views,
         constants=("catalog.prediction.VIEW_REACH_DEG",), expected=0.2,
@@ -210,6 +242,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "Sun azimuths, interpolated between",
+        Figure(1.0, "%", "the points claimed usable between the grid's Suns that are not", MEASURED),
         "99 % of the points claimed usable between the grid's Suns are (random Suns and views, c896266, 2026-11-24)",
         ("sun.azimuths_deg",), _azimuths, constants=("catalog.prediction.BETWEEN_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.azimuths_deg),
@@ -217,39 +250,50 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "Sun elevations, interpolated between",
-        "99 % of the points claimed usable between them are (the same measurement); below the lowest no claim is made",
+        Figure(1.0, "%", "the points claimed usable between the grid's Suns that are not", MEASURED),
+        "99 % of the points claimed usable between them are (random Suns and views, c896266, 2026-11-24); below the lowest no claim is made",
         ("sun.elevations_deg",), _elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.elevations_deg),
         sample="every second elevation: 0.70, 7.3 % (5..9.7), 12/12; twice the elevations: 1.54, 2.7 % (1.4..4), 6/5",
     ),
     Approximation(
         "cell size",
-        "detail below a cell is lost; on your scene measured by `lcp trade`",
+        Figure(5.0, "m", "heights between the nodes, rms, cells of 474 m in place of the sample's 118 m", MEASURED),
+        "detail below two cells is lost: rms 5.0 m of the sample's heights (35b57c98, 2026-11-28); claims are those of images of these cells",
         ("area.gsd_m", "area.levels_m", "area.altitudes_km", "area.ifov_rad"), _numbers("area.gsd_m", 2.0, 0.5), expected=0.3,
         sample="948 m: 0.87, 34 % (11..57), 26/22; 237 m: 2.02, 34 % (20..47), 24/17",
     ),
     Approximation(
-        "patch size", "none: the claims are those of this patch; what another one changes `lcp trade` measures on your scene",
+        "patch size",
+        Figure(38.0, "%", "the usable conditions, twice the side", ON_SAMPLE),
+        "none by itself: the claims are those of this patch; another side is another question",
         ("points.patch_nodes",), _patches, expected=0.3,
         sample="17: 0.56, 37 % (26..48), 16/12; 65: 3.79, 38 % (20..56), 12/10",
     ),
     Approximation(
-        "search radius", "rivals beyond it do not count; on your scene measured by `lcp trade`", ("points.search_m",), _searches, expected=0.1,
+        "search radius",
+        Figure(8.4, "%", "the usable conditions, twice the radius", ON_SAMPLE),
+        "none for a camera whose position is known to within the radius: rivals beyond it do not count", ("points.search_m",), _searches, expected=0.1,
         sample="16 cells: 1.06, 0.59 % (0.24..0.93), 2/3; 34 cells: 1.60, 8.4 % (1.3..16), 6/6",
     ),
     Approximation(
-        "area size", "areas are cut at the direction tolerance or at this size: of 64 instead of 96 nodes on cells of 237 m they change 0.84 % (0.39..1.3) of the usable conditions and most points (4 areas of the sample, d153cb8, 2026-11-27)",
+        "area size",
+        Figure(0.84, "%", "the usable conditions, 64 in place of 96 nodes", MEASURED),
+        "areas are cut at the direction tolerance or at this size: of 64 instead of 96 nodes on cells of 237 m they change 0.84 % (0.39..1.3) of the usable conditions and most points (4 areas of the sample, d153cb8, 2026-11-27)",
         ("model.area_nodes_max",), _numbers("model.area_nodes_max", 2.0, 0.125), expected=0.005,
         sample="1024: 0.97, 0, 0/0; 64: 0.98, 0, 0/0",
     ),
     Approximation(
-        "candidates per cell", "better points are missed; a point's claims are the same; on your scene measured by `lcp trade`",
+        "candidates per cell",
+        Figure(14.0, "%", "the points, others with one candidate", ON_SAMPLE),
+        "better points are missed: 4 of the sample's 28 are others with one candidate, 1 with four; a point's claims are the same",
         ("points.candidates_per_cell",), _numbers("points.candidates_per_cell", 0.5, 2.0), expected=0.0,
         fineness=lambda c: c.points.candidates_per_cell,
         sample="1: 0.86, 0.098 % (0..0.21), 4/2; 4: 1.04, 0, 1/1",
     ),
     Approximation(
         "two passes",
+        Figure(9.0, "%", "the usable conditions, on a mare; 2 over four regions", MEASURED),
         "points that a first look misjudges are missed: 0.98 of the usable conditions of one pass, on a mare 0.91, claims the same (four regions, c791be4, 2026-11-27)",
         ("points.passes",), _choices("points.passes", 1, 2, usual=1), expected=0.0,
         fineness=lambda c: -(c.points.passes or 1),
@@ -257,14 +301,16 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "search at half resolution first",
+        Figure(0.49, "", "a probability away from the limit", MEASURED),
         "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` up to 0.29 too low (97 points of Hadley, cells of 474 m, 86f40c1, 2026-11-27)",
         ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
-        constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN"),
+        constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN", "matching.point_search._HALVED_FROM"),
         fineness=lambda c: c.model.precision.whole_search,
         sample="full resolution: 1.10, 0.037 % (0.0062..0.068), 0/0",
     ),
     Approximation(
         "searched again near the limit",
+        Figure(0.71, "%", "the usable conditions, without it", MEASURED),
         "without it 0.71 % (0.48 to 0.94 %) of the usable conditions, 0.47 of a probability at most (measured on the sample, ede1714, 2026-11-27)",
         ("points.search_doubt",), _choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
         constants=("production.point_config.SEARCH_DOUBT",), expected=0.001,
@@ -272,21 +318,25 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         sample="(0.0, 0.0): 0.85, 0.71 % (0.48..0.94), 2/2; (0.1, 0.2): 1.12, 0.037 % (0.0062..0.068), 0/0",
     ),
     Approximation(
-        "image scales", "with one scale no claim for coarser pixels; between scales interpolated, with the error of that row",
+        "image scales",
+        Figure(0.05, "", "a probability between two scales, mean over points", MEASURED),
+        "between scales interpolated as between Suns: mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25); with one scale no claim for coarser pixels",
         ("points.image_scales",), _scales, constants=("production.point_config.SMALLEST_PX",), expected=0.0,
         sample="1: 0.76, 0, 0/0",
     ),
     Approximation(
         "point Sun",
+        Figure(0.024, "cells", "a match, 0.5 deg of Sun", MEASURED),
         "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (86f40c1, 2026-11-27); a build's plan states it, a render's 1.0 is that of one node in a penumbra",
         ("model.sun",), _choices("model.sun", "point", "disc", usual="point"),
         effects=("solar disc",), settings=("disc", "disc_strips", "disc_directions", "disc_rms"),
-        constants=("light.solar_disc.TRACE", "light.solar_disc.FIRST_STRIPS", "light.solar_disc.MOST_STRIPS", "light.solar_disc.CONVERGED", "light.solar_disc.STEEP_RAD", "light.solar_disc.LEAN_MAX", "rendering.error_bounds.PENUMBRA_PX"), expected=0.005,
+        constants=("ephemeris.limb_darkening.STEPS", "light.solar_disc.TRACE", "light.solar_disc.FIRST_STRIPS", "light.solar_disc.MOST_STRIPS", "light.solar_disc.CONVERGED", "light.solar_disc.STEEP_RAD", "light.solar_disc.LEAN_MAX", "rendering.error_bounds.PENUMBRA_PX"), expected=0.005,
         fineness=lambda c: c.model.sun == "disc",
         sample="disc: 1.17, 0.4 % (0.00049..0.79), 2/2",
     ),
     Approximation(
         "far terrain",
+        Figure(0.018, "deg", "the horizon, rms, 86 N", MEASURED),
         "elevation of terrain that is left out, stated by the scene plan; 0.008 deg rms of the horizon from coarser cells at 26 N, 0.018 at 86 N (1e61e03, 2026-11-21)",
         ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
         effects=("terrain beyond the area",),
@@ -296,48 +346,61 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "light by way of other ground",
-        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet), stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time, around 84 N 110 times (measured, ede1714, 7bb57269, 2b1335ac, 2026-11-27)",
+        Figure(1.4, "%", "the usable conditions, 84 N; 0.4 to 1.0 on the sample", MEASURED),
+        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet) for a node, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time, around 84 N 1.4 %, in 110 times (measured, ede1714, 7bb57269, 2b1335ac, 2026-11-27)",
         ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
-        effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=30.0, expected=0.01,
+        effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=(21.0, 110.0), expected=0.01,
         fineness=lambda c: c.model.bounce == "on",
         sample="on: 21, 0.38 % (0.16..0.59), 9/10",
     ),
     Approximation(
-        "point spread of an image", "0.5 pixels assumed; what a sharper or duller image changes stands beside",
+        "point spread of an image",
+        Figure(3.7, "%", "the usable conditions, 0.7 in place of 0.5 pixels", ON_SAMPLE),
+        "0.5 pixels assumed; a sharper or duller image changes them",
         ("points.point_spread_px",), _choices("points.point_spread_px", 0.35, 0.7),
         constants=("landmarks.point_spread.POINT_SPREAD_PX",), expected=0.02,
         sample="0.35: 1.00, 2 % (1.3..2.6), 3/4; 0.7: 1.01, 3.7 % (2..5.3), 4/3",
     ),
     Approximation(
-        "number of rivals", "with 12 instead of 64 the Brier score doubles in pure noise (simulated, c896266, 2026-11-24); 256 change nothing on the sample",
+        "number of rivals",
+        Figure(0.012, "%", "the usable conditions, 12 in place of 64", ON_SAMPLE),
+        "with 12 instead of 64 the Brier score doubles in pure noise (simulated, c896266, 2026-11-24); 256 change nothing on the sample",
         ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS", "landmarks.detection._CLEAR"), expected=0.002,
         fineness=lambda c: c.points.rivals or 64,
         sample="12: 0.94, 0.012 % (0..0.045), 0/0; 256: 0.97, 0, 0/0",
     ),
     Approximation(
-        "least correlation of a match", "none: a match below it is refused, and the claim counts that; another limit changes what stands beside",
+        "least correlation of a match",
+        Figure(0.53, "%", "the usable conditions, 0.4 in place of 0.3", ON_SAMPLE),
+        "none by itself: a match below it is refused, and the claim counts that",
         ("points.least_correlation",), _choices("points.least_correlation", 0.2, 0.4),
         constants=("landmarks.detection.LEAST_CORRELATION",), expected=0.02,
         sample="0.2: 1.01, 0.061 % (0.032..0.091), 0/0; 0.4: 1.00, 0.53 % (0.14..0.92), 0/0",
     ),
     Approximation(
-        "limit of dependence", "at most this share of a patch is darkened or hidden from outside (exact); another limit changes what stands beside",
+        "limit of dependence",
+        Figure(10.0, "%", "a patch's nodes, darkened or hidden from outside", LIMIT),
+        "at most this share of a patch is darkened or hidden from outside where it counts as usable",
         ("points.max_dependence",), _numbers("points.max_dependence", 2.0, 0.5), expected=0.03,
         sample="0.2: 0.97, 0.68 % (0.25..1.1), 2/2; 0.05: 1.04, 1.8 % (0.56..2.9), 7/8",
     ),
     Approximation(
-        "least lit share", "none: darker patches have no claim; another limit changes what stands beside",
+        "least lit share",
+        Figure(0.34, "%", "the usable conditions, 0.3 in place of 0.1", ON_SAMPLE),
+        "none by itself: darker patches have no claim",
         ("points.min_lit_share",), _choices("points.min_lit_share", 0.3, 0.05), expected=0.01,
         sample="0.3: 0.96, 0.34 % (0..0.81), 1/2; 0.05: 0.97, 0, 0/0",
     ),
     Approximation(
         "interpolation of a claim over Sun and scale",
+        Figure(0.05, "", "a probability, mean over points", MEASURED),
         "mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25); usable only with the margins",
-        constants=("catalog.prediction.FREE_SHARE", "catalog.prediction.LONE_STEP_DEG", "catalog.prediction._LEAST_WEIGHT"),
+        constants=("catalog.sun_cells._SAMPLES", "catalog.sun_cells.WIDEST_DEG", "catalog.prediction.FREE_SHARE", "catalog.prediction.LONE_STEP_DEG", "catalog.prediction._LEAST_WEIGHT"),
         unpriced="no switch: it belongs to a query", price="nothing in a build; the rows of Suns and views measure it",
     ),
     Approximation(
         "quadrature over places",
+        Figure(0.073, "", "a probability", MEASURED),
         "five nodes instead of 31: 0.0008 of a probability at the 99th percentile, 0.073 at most, 0.012 % of the usable conditions (measured on the sample, 5da61c4, ede1714, 2026-11-27)",
         ("points.spread_nodes",), _choices("points.spread_nodes", 1, 31, usual=5),
         constants=("landmarks.detection.SPREAD_NODES",), expected=0.0001,
@@ -345,52 +408,102 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         sample="1: 0.97, 3.5 % (2.3..4.7), 8/6; 31: 1.21, 0.012 % (0..0.043), 0/0",
     ),
     Approximation(
-        "point spread of a reduced image", "sigma is 7 and 14 % smaller in images reduced 2 and 4 times; errors were by 7 and 11 to 17 % (photographs reduced, a6f7568, 2026-11-27)",
+        "point spread of a reduced image",
+        Figure(4.0, "%", "sigma in images reduced 4 times", MEASURED),
+        "sigma is 7 and 14 % smaller in images reduced 2 and 4 times; errors were by 7 and 11 to 17 %, so that it is within 4 % of them (photographs reduced, a6f7568, 2026-11-27)",
         constants=("landmarks.point_spread.SHARPEST_PX",), unpriced="no switch: a claim is made before it is known how often an image will be reduced",
         price="nothing in a build; with less than 0.125 pixels 24 of 224 points of a frame are lost",
     ),
     Approximation(
-        "packing of claims", "0.002 of a probability, half a step of 1/250; 0.00025 of an albedo factor (exact); no flag changes",
-        constants=("catalog.schema.DETECTION_STEP", "photometry.albedo_map.PATCH_STEP"), unpriced="no switch: the file's format",
+        "packing of claims",
+        Figure(0.002, "", "a probability", EXACT),
+        "0.002 of a probability, half a step of 1/250; 0.0005 of a cell of a sigma; 0.00025 of an albedo factor (exact); no flag changes",
+        constants=("catalog.schema.DETECTION_STEP", "catalog.layout.SIGMA_STEPS_PER_CELL", "photometry.albedo_map.PATCH_STEP"), unpriced="no switch: the file's format",
         price="seven bytes a claim instead of eighteen",
     ),
     Approximation(
-        "float32", "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",), constants=("kernels.elementary._EXP", "kernels.elementary._LOG", "kernels.elementary._TAIL", "kernels.photometry.images._ATAN", "kernels.photometry.hapke_simd._ACOS"),
+        "float32",
+        Figure(6e-8, "rad", "a normal; 2e-6 of a radiance", EXACT),
+        "2e-6 of a radiance, 2^-24 rad of a normal (exact)", effects=("float width",), settings=("float64",), constants=("kernels.elementary._EXP", "kernels.elementary._LOG", "kernels.elementary._TAIL", "kernels.photometry.images._ATAN", "kernels.photometry.hapke_simd._ACOS"),
         unpriced="no switch in builds, whose kernels are written for it; in renders the tier `reference`",
         price="half the memory of an image; with float64 and every ray traced an area takes 1.2 to 1.9 times the time of `high` (2584014, 2026-11-24)",
     ),
     Approximation(
-        "resampling of the DEM", "cubic convolution (Keys 1981, a = -0.5): exact for parabolas, error of third order in the posting; bilinear beside missing pixels",
+        "resampling of the DEM",
+        Figure(0.13, "m", "heights midway between four posts of 118 m, rms; 7.3 at most", MEASURED),
+        "cubic convolution (Keys 1981, a = -0.5): exact for parabolas, error of third order in the posting; against quintic splines midway between the posts of the sample rms 0.13 m, of 237 m 0.32, of 474 m 1.0 (35b57c98, 2026-11-28); bilinear beside missing pixels",
         constants=("kernels.resampling.heights.sample", "kernels.resampling.area_means._A", "kernels.resampling.area_means.SAMPLES_MAX"), unpriced="no switch: nodes lie on the area's grid whatever the DEM's projection",
         price="bilinear instead changes 7.5 % of the usable conditions of the sample, cells of 474 m, and 0.99 of the time (7bb57269, 2026-11-27)",
     ),
     Approximation(
         "derivatives of an image",
+        Figure(0.024, "", "a probability", MEASURED),
         "differences over a slope of 0.01: against 0.001 0.009 % of the flags, 0.024 of a probability at most (measured on the sample, 7bb57269, 2026-11-27)",
         constants=("photometry.laws.SLOPE_STEP",), unpriced="no switch: a smaller step rounds more", price="none: every step takes the same time",
     ),
     Approximation(
-        "rounding of height errors", "2.5 % of sigma and length (exact)",
+        "rounding of height errors",
+        Figure(2.5, "%", "sigma and length", EXACT),
+        "2.5 % of sigma and length (exact)",
         ("points.error_step",), _choices("points.error_step", 0.4, 0.01, usual=0.05),
         constants=("production.evaluation.STEP",), expected=0.0001,
         fineness=lambda c: -(c.points.error_step or 0.05),
         sample="0.4: 1.01, 0, 0/0; 0.01: 1.01, 0, 0/0",
     ),
     Approximation(
-        "one direction to the Sun from an area", "half the area's diagonal over 1 au (exact), stated by the scene plan: 1.6e-5 deg for 60 km",
+        "one direction to the Sun from an area",
+        Figure(1.6e-5, "deg", "the direction, areas of 60 km", EXACT),
+        "half the area's diagonal over 1 au (exact), stated by the scene plan: 1.6e-5 deg for 60 km",
         effects=("parallax of the Sun", "motion of the Sun"), constants=("rendering.pipeline.SUN_MOVES_DEG",),
         unpriced="no switch: below 1e-4 deg in builds", price="none: a direction for each node would change no value of float32",
     ),
     Approximation(
-        "shape of the ground", "none: the heightfield's triangles over the curved Moon; a render may take the plain sphere, with its error stated",
+        "shape of the ground",
+        Figure(0.0, "m", "the heightfield's surface in builds", EXACT),
+        "none: the heightfield's triangles over the curved Moon; a render may take the plain sphere, with its error stated",
         effects=("relief", "curvature", "dependence", "cell size", "Suns"), constants=("rendering.sphere_renderer.COVERAGE_ERROR",),
         unpriced="no approximation in builds; in renders `surface`", price="none in builds",
     ),
     Approximation(
-        "light other than the Sun's", "rms 0.6, 0.4, 0.15 and 0.06 % of the mean radiance by tier (measured, fe00479, 2026-11-21)",
+        "light other than the Sun's",
+        Figure(0.6, "%", "the mean radiance, rms, in `draft`; 0.06 in `reference`", MEASURED),
+        "rms 0.6, 0.4, 0.15 and 0.06 % of the mean radiance by tier (measured, fe00479, 2026-11-21)",
         effects=("sky light", "other sources", "Sun over sky", "background"), settings=("sky_directions", "sky_tier", "sky_rms"),
         constants=("light.sky_sampling.BETWEEN_NODES_RMS", "light.sky_sampling.SKY_FLOOR_RAD", "rendering.decisions.BACKGROUND_PX"),
         unpriced="in renders alone, by `model.accuracy`; builds have the Sun alone", price="none in builds; a plan of a render states its share of the time",
+    ),
+    Approximation(
+        "position of the Sun",
+        Figure(0.005, "deg", "the direction to the Sun, 1990 to 2050", LIMIT),
+        "series for the Earth and the Moon, IAU's rotation and a correction to the mean-Earth frame; tests hold it against DE421",
+        constants=("ephemeris.solar_position.DIRECTION_ERROR_DEG", "ephemeris.solar_position._RA", "ephemeris.solar_position._DEC", "ephemeris.solar_position._W", "ephemeris.solar_position._E0", "ephemeris.solar_position._E1", "ephemeris.solar_position._J2000"),
+        unpriced="no switch: a Sun is also given by angles or by a camera's file", price="none in builds, whose Suns are angles",
+    ),
+    Approximation(
+        "inverse of a camera",
+        Figure(1e-6, "pixels", "a pixel that is seen and projected back", LIMIT),
+        "iterated until a pixel comes back to within 1e-6 pixels (lens) or 1e-8 lines (scanner); else there is no direction",
+        constants=("cameras.distortion.INVERSE_TOLERANCE_PX", "cameras.scanners.CONVERGED"),
+        unpriced="no switch: the next step is below the last digit", price="one step of the iteration",
+    ),
+    Approximation(
+        "shape of a patch in an image",
+        Figure(0.002, "pixels", "the place of a node in a template", LIMIT),
+        "cubic polynomials for a patch's places in an image, checked at nine nodes and on the grid; where they differ by more every node is projected",
+        constants=("matching.templates.TOLERANCE_PX", "matching.templates._ACROSS", "matching.templates._SAMPLES_A_NODE"),
+        unpriced="no switch: a tenth of the least sigma of a match", price="nothing in a build: it belongs to matching",
+    ),
+    Approximation(
+        "blur of a simulated frame",
+        Figure(6.3e-5, "", "a point's light, beyond four sigmas", EXACT),
+        "the Gaussian is cut off at four sigmas, and what is beyond is spread over the rest",
+        constants=("simulation.detector.REACH",), unpriced="no switch: below the steps of a detector of 12 bits", price="none in builds",
+    ),
+    Approximation(
+        "steps of the flight file",
+        Figure(0.7, "deg", "the direction of an ellipse's axis", EXACT),
+        "half a step of 180/128 deg; heights half a step of their range in a patch over 65 534 (exact)",
+        constants=("exports.flight.ANGLE_STEPS",), unpriced="no switch: the file's format", price="none in builds; a claim takes four bytes in the file",
     ),
 )  # fmt: skip
 """Every approximation, once."""

@@ -2,8 +2,8 @@
 that the registry could hold, so each is listed here with the reason why it is none, or becomes a constant.
 
 A number that needs no reason is 0, 1, 2, 3, 4, a half or a quarter, 90, 180, 360 or 1000 (degrees, metres), or guards
-against rounding and division by zero (up to 1e-9, from 1e9). In a comparison, a limit and a grid these are fewer
-(`PLAIN_LIMITS`), and whole numbers count as well; elsewhere whole numbers are indices and sizes.
+against rounding and division by zero (up to 1e-9, from 1e9). In a comparison, a limit, a grid and a default these are fewer
+(`PLAIN_LIMITS`). An index and the shape of an array (`SHAPES`) are none of these numbers.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ LIBRARY = Path(__file__).resolve().parents[1] / "lcp_catalog"
 
 PLAIN = {0.0, 0.25, 0.5, 1.0, 2.0, 3.0, 4.0, 90.0, 180.0, 360.0, 1000.0}
 PLAIN_LIMITS = {0.0, 1.0, 2.0, 90.0, 180.0, 360.0}
+SHAPES = {"empty", "zeros", "ones", "full", "reshape", "broadcast_to", "eye", "IntType"}
 LIMITS = {"min", "max", "clip", "minimum", "maximum", "linspace", "arange", "range"}
 
 LISTED: dict[str, str] = {
@@ -52,6 +53,7 @@ LISTED: dict[str, str] = {
         kernels.resampling.area_means 0.5 0.5 0.5 0.5 5 8
         kernels.resampling.heights 0.5 0.5 0.5 0.5 0.5 0.5 1.5 1.5 2.5 5 7 9 11 13 15 17 19 21 23
         kernels.sphere_rays 6 6
+        rendering.sphere_renderer 5
     """,
     "kilometres, microseconds, megabytes, per cent": """
         light.sun_choice 1e6
@@ -66,6 +68,8 @@ LISTED: dict[str, str] = {
         production.area_job 1e6 1e6
         production.run 1000
         production.promise 400
+        landmarks.located 100
+        rendering.public 255
     """,
     "a guard against rounding, overflow and division by zero": """
         catalog.prediction 1e-06 1e-06 1e-06 1e-06
@@ -83,6 +87,9 @@ LISTED: dict[str, str] = {
         kernels.matching.point_spread 1e-06
         kernels.matching.subpixel_fit 1e-06
         kernels.sun_moments 1e-06 1e-06
+        production.first_look 9
+        production.region_maps 9
+        terrain.occlusion 8 8 8 16
     """,
     "what is accepted: limits of values, at least half of a cell known, defaults that the configuration replaces": """
         catalog.prediction 0.5
@@ -103,6 +110,11 @@ LISTED: dict[str, str] = {
         production.promise 0.4
         kernels.resampling.heights 0.5 0.5
         kernels.sun_moments 0.5
+        kernels.photometry.facet 3
+        landmarks.detection 0.5 0.5
+        light.environment_map 3
+        production.model_config 512 4096
+        production.point_config 9 33 64 100 257 1024
     """,
     "steps of a search or a fit whose result is held to a tolerance, and grids of bounds with a margin": """
         landmarks.patches 0.1 3 4 40
@@ -119,12 +131,49 @@ LISTED: dict[str, str] = {
         kernels.matching.acquisition 10
         kernels.photometry.facet 3
         kernels.resampling.heights 0.5
+        photometry.albedo_map 129
+        photometry.facet_fit 400
+        rendering.placement 17
     """,
     "how many are computed at once, and in which order": """
         kernels.matching.patches 6 7 7
         kernels.matching.rivals 8 8 8 8 8
         kernels.matching.template_products 8 8 8
         kernels.rays.bundles 0.6180339887498949
+        kernels.cpu_level 8 16
+        kernels.matching.noise 8 8
+        kernels.matching.patches 7
+        kernels.matching.rivals 7 7 8 8
+        kernels.matching.search 9 9
+        kernels.shadows.draft 4
+        landmarks.error_model 8 256
+        production.area_job 1024
+        terrain.occlusion 4
+    """,
+    "places in a stack of arrays or a table, axes of space, corners, bits and bytes of files, numbers of a hash": """
+        catalog.prediction 4
+        kernels.cache 16 420
+        kernels.matching.correlation 3
+        kernels.matching.draw_patch 4 4
+        kernels.matching.noise 4 5 6 6 7
+        kernels.matching.patches 3
+        kernels.matching.point_spread 3 5
+        kernels.matching.registration 3
+        kernels.matching.subpixel_fit 3
+        kernels.photometry.facet 6 8 10 13 13
+        kernels.points 17 73856093 19349663 83492791
+        kernels.rays.max_pyramid 3 3
+        kernels.resampling.area_means 3 3
+        kernels.resampling.heights 4
+        kernels.shadows.draft 255
+        kernels.shadows.steep_tiles 60
+        kernels.sphere_rays 4
+        kernels.vectors 16 23 127
+        landmarks.selection 5
+        photometry.albedo_map 3
+        production.checkpoints 16 64 420
+        production.config 5
+        rendering.renderer 4
     """,
     "neighbours of a corner, which the number of candidates limits": "landmarks.corners 8",
 }
@@ -136,8 +185,6 @@ def is_plain(value: float, limit: bool) -> bool:
     size = abs(value)
     if size in PLAIN_LIMITS or 0.0 < size <= 1e-9 or size >= 1e9:
         return True
-    if isinstance(value, int):
-        return not limit or size <= 4
     return not limit and size in PLAIN
 
 
@@ -157,9 +204,11 @@ def _numbers(node: ast.AST, limit: bool) -> Iterator[float]:
         return
     called = node.func if isinstance(node, ast.Call) else None
     name = getattr(called, "id", getattr(called, "attr", ""))
+    if name in SHAPES:
+        return
     own = (
         (limit and isinstance(node, ast.UnaryOp | ast.BinOp))
-        or isinstance(node, ast.Compare)
+        or isinstance(node, ast.Compare | ast.arguments)
         or name in LIMITS
     )
     for part in ast.iter_child_nodes(node):
@@ -226,6 +275,9 @@ def test_every_number_in_a_function_that_computes_has_a_reason() -> None:
         "def _near(a, b):\n    return min(a, 0.25)",
         "def _steps(x):\n    return sum(x for _ in range(12))",
         "class Fit:\n    step: float = 0.3",
+        "def _wide(x):\n    return x * 7",
+        "def _few(x, least=3):\n    return x",
+        "def _many(x):\n    return x.size > 4",
     ],
 )
 def test_a_number_that_is_added_to_a_function_is_noticed(added: str) -> None:
@@ -243,5 +295,5 @@ def test_a_reason_whose_number_is_gone_is_noticed() -> None:
 
 
 def test_indices_halves_and_degrees_need_no_reason() -> None:
-    plain = "def f(x):\n    if x.ndim == 3 and x[7] > 0.0:\n        return 0.5 * x[12] + 90.0 - 1e-12\n    return x.reshape(5, 6)"
+    plain = "def f(x):\n    if x.ndim == 2 and x[7] > 0.0:\n        return 0.5 * x[12] + 90.0 - 1e-12\n    return x.reshape(5, 6)"
     assert not literals(plain)

@@ -32,15 +32,17 @@ BUDGETS = {
     # 34: 870 pipes, failed reads, cut and sparse files, DEMs that contradict or are implausible, digests handed on, exports
     # 35: 650 error models, places of maps, the ground as a whole, wrong elevations and distorted maps
     # 36: 1320 compiled files, indexes of catalogues, two passes and their parts, kept ground, frames
-    # 37: 1830 the registry and the trade of approximations, budgets, one brightness, light by way of other ground, own Suns
+    # 37: 2030 the registry and the trade of approximations with a figure for each error, budgets and where their answer holds,
+    # one brightness, light by way of other ground, own Suns
     # 38: 2450 cameras from SPICE and CCSDS, Python and notebooks, cures, files on servers, wrong calls
     # 39: 520 flight files, STAC items
-    "code lines, lcp_catalog": 48083,
+    "code lines, lcp_catalog": 48280,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     "code lines, cli": 4414,
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
-    "words of docs": 52165,
+    # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
+    "words of docs": 52400,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,

@@ -31,10 +31,11 @@ def _rows() -> Iterator[str]:
 
 def approximations() -> Iterator[str]:
     """Lines of the table of all approximations, with what the alternatives to the sample's configuration cost and change."""
-    yield f"| approximation | error | switch | price: alternatives ({SAMPLE}) |\n| --- | --- | --- | --- |"
+    head = "approximation", "greatest error", "where and how known", "switch"
+    yield f"| {' | '.join(head)} | price: alternatives ({SAMPLE}) |\n| --- | --- | --- | --- | --- |"
     for one in APPROXIMATIONS:
         switch = ", ".join(f"`{field}`" for field in one.switch) or one.unpriced
-        yield f"| {one.name} | {one.bound} | {switch} | {one.sample or one.price} |"
+        yield f"| {one.name} | {one.error} | {one.bound} | {switch} | {one.sample or one.price} |"
 
 
 def _variables(group: dict[str, Variable]) -> Iterator[str]:

@@ -54,6 +54,7 @@ from .error_bounds import (
 )
 
 _SLOPE_NODES = 256  # per side, for the slope statistics of a terrain
+_PHASES = 4  # parts of a side between which a law's phase angles are taken
 
 
 @dataclass(frozen=True)
@@ -249,7 +250,7 @@ def choose_model(
     normals = normals[np.isfinite(normals[:, 2]) & (normals[:, 2] > 0)].astype(np.float64)
     slope = normals[:, :2] / normals[:, 2:]
     slope_rms = float(np.sqrt(np.mean(slope**2))) if len(slope) else SLOPE_RMS
-    points = nodes_enu(field, terrain.core, max(1, max(row1 - row0, col1 - col0) // 4))
+    points = nodes_enu(field, terrain.core, max(1, max(row1 - row0, col1 - col0) // _PHASES))
     points = points.reshape(-1, 3)[np.isfinite(points.reshape(-1, 3)[:, 2])]
     cameras = view.directions(points) if len(points) else np.array([[0.0, 0.0, 1.0]])
     cameras = np.broadcast_to(cameras, (max(1, len(points)), 3))

@@ -171,7 +171,7 @@ def knobs_chart(rows: list[Row]) -> Markup:
     axes = Axes(
         Axis(low, high, _time_ticks(low, high), "processor time relative to your configuration", log=True, grid=True),
         Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
-        width=820.0, height=460.0, left=92.0, right=190.0, top=18.0, bottom=64.0,
+        width=_WIDE_PX, height=460.0, left=_LEFT_PX, right=190.0, top=18.0, bottom=64.0,
     )  # fmt: skip
     best = front(
         [row for row in some if _differs(row)], "seconds_relative", "conditions_changed_share"
@@ -185,13 +185,10 @@ def knobs_chart(rows: list[Row]) -> Markup:
         [_drawn(r["conditions_changed_share"], decades) for r in best],
         "front",
     )
-    names = [
-        Markup("<g class='tier'><text x='{:.1f}' y='{:.1f}'>{}</text></g>").format(
-            x[0] + 7, y[0] + 4, _name(row)
-        )
-        for row, (x, y) in zip(some, at, strict=True)
-        if row in best
-    ]
+    marked = [(float(x[0]), float(y[0])) for x, y in at]
+    names = _names(
+        [(_name(r), xy) for r, xy in zip(some, marked, strict=True) if r in best], marked
+    )
     marks = [
         Markup(
             "<circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
@@ -203,6 +200,48 @@ def knobs_chart(rows: list[Row]) -> Markup:
     return axes.draw(
         Markup().join([line, *names, *marks]), "changed conditions over time", css="pareto"
     )
+
+
+_WIDE_PX, _LEFT_PX = 820.0, 92.0
+"""Width of the chart of all approximations and of what is left of its axis, units of the chart."""
+
+_LETTER_PX, _LINE_PX, _MARK_PX = 6.0, 12.0, 4.0
+"""Greatest mean width of a letter of a name, its height, and the radius of a mark, in units of the chart."""
+
+_AWAY_PX = 0.0, -11.0, 11.0, -22.0, 22.0, -33.0, 33.0
+"""Heights beside a mark at which there may be place for its name."""
+
+
+def _names(
+    named: list[tuple[str, tuple[float, float]]], marks: list[tuple[float, float]]
+) -> list[Markup]:
+    """Names of marks, each where it covers no mark and no other name: right or left of its own, as near as possible. One
+    without such a place is left out; pointing at its mark gives it.
+    """
+    taken = [(x - _MARK_PX, y - _MARK_PX, x + _MARK_PX, y + _MARK_PX) for x, y in marks]
+    found = []
+    for name, (x, y) in named:
+        width = _LETTER_PX * len(name)
+        for away, side in ((away, side) for away in _AWAY_PX for side in (1.0, -1.0)):
+            near, far = x + 7.0 * side, x + (7.0 + width) * side
+            middle = y + away
+            box = (min(near, far), middle - 0.5 * _LINE_PX, max(near, far), middle + 0.5 * _LINE_PX)
+            if (
+                box[0] > 0.0
+                and box[2] < _WIDE_PX
+                and not any(_overlap(box, other) for other in taken)
+            ):
+                taken.append(box)
+                anchor = "start" if side > 0.0 else "end"
+                text = "<g class='tier'><text x='{:.1f}' y='{:.1f}' text-anchor='{}'>{}</text></g>"
+                found.append(Markup(text).format(near, middle + 4.0, anchor, name))
+                break
+    return found
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    """True if two boxes (left, top, right, bottom) share ground."""
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _differs(row: Row) -> bool:

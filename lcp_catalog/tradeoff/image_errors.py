@@ -270,11 +270,13 @@ CONTRAST = 1e-4
 
 @dataclass
 class ModelChanges:
-    """Correlations with the reference model by model and phase bin, and seconds by model; additive
-    over areas.
+    """Correlations with the reference model by model and phase bin, and seconds of processor time by model, one of each
+    area; additive over areas.
     """
 
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LAWS_BY_COST, 0.0))
+    seconds: dict[str, list[float]] = field(
+        default_factory=lambda: {law: [] for law in LAWS_BY_COST}
+    )
     correlations: dict[tuple[str, int], list[Array]] = field(default_factory=dict)
     images: dict[int, int] = field(default_factory=dict)
 
@@ -308,11 +310,14 @@ class ModelChanges:
                 )
         return found
 
-    def times(self) -> dict[str, float]:
-        """Time of all images with each model as a share of that with the reference model."""
-        return {
-            law: s / max(self.seconds[LAWS_BY_COST[-1]], 1e-12) for law, s in self.seconds.items()
-        }
+    def times(self) -> dict[str, tuple[float, float, float]]:
+        """Time of all images with each model as a share of that with the reference model; least and greatest of an area."""
+        exact = [max(one, 1e-12) for one in self.seconds[LAWS_BY_COST[-1]]] or [1e-12]
+        found = {}
+        for law, seconds in self.seconds.items():
+            by_area = [own / whole for own, whole in zip(seconds, exact, strict=False)] or [0.0]
+            found[law] = sum(seconds) / sum(exact), min(by_area), max(by_area)
+        return found
 
 
 def compare_models(job: AreaJob) -> ModelChanges:
@@ -328,12 +333,13 @@ def compare_models(job: AreaJob) -> ModelChanges:
         for ready in sweeps.values():  # one-time work before the timing
             next(dataclasses.replace(ready).images(), None)
         streams = {law: ready.images() for law, ready in sweeps.items()}
+        found.seconds = {law: [0.0] for law in LAWS_BY_COST}
         while True:
             images = {}
             for law, stream in streams.items():
-                start = time.perf_counter()
+                start = time.process_time()
                 image = next(stream, None)
-                found.seconds[law] += time.perf_counter() - start
+                found.seconds[law][0] += time.process_time() - start
                 if image is None:
                     return found
                 images[law] = image

@@ -11,6 +11,7 @@ from ..plots.numbers import number
 from .charts import Row, changed_share, number_or_dash, share_text, times
 from .knobs import NEAR_CELLS
 from .measurement import Trade
+from .proposal import OTHER_GROUND, other_ground
 
 BEST = "best.toml"
 """File of the configuration to take for a budget."""
@@ -57,25 +58,41 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
 def knobs_said(trade: Trade) -> str:
     """What was measured, and what to take for the budget, in one paragraph."""
     said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured."
-    best = trade.best_row
+    return " ".join([said, *best_said(trade)])
+
+
+def best_said(trade: Trade) -> list[str]:
+    """Sentences on the configuration to take for a budget: what it is, what holds for its scene and what for other ground."""
+    best, asked = trade.best_row, trade.budget
     if best is None:
-        return said
-    if trade.budget_s and best["build_seconds"] > trade.budget_s:
-        left = len(trade.not_measured)
-        said += f" The budget of {number(trade.budget_s, 3)} s is not reached by what was measured ({left} were not)."
+        return []
+    said = []
+    if asked.seconds and best["build_seconds"] > asked.seconds:
+        said += [f"The budget of {number(asked.seconds, 3)} s is not reached by what was measured."]
+    if trade.untried:
+        said += [
+            f"{trade.untried} alternative{'s' * (trade.untried != 1)} that it could take "
+            f"{'were' if trade.untried != 1 else 'was'} not measured, for want of time (a greater time limit)."
+        ]
     if not best["value"]:
-        return f"{said} To take ({BEST}): your configuration as it is, {_build_time(best)}."
+        why = (
+            ""
+            if asked.error is None
+            else f"nothing measured saves time for certain and changes at most {share_text(asked.error)}; "
+        )
+        return [*said, f"To take ({BEST}): your configuration as it is, {why}{_build_time(best)}."]
+    said += [f"To take ({BEST}): {best['value']}."]
     lost, gained = best["points_lost"], best["points_gained"]
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
     if best["areas"]:
         places = f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained"
     else:
         measured = "not measured together, for want of time (a greater time limit), but by product and sum of the rows"
-    return (
-        f"{said} To take ({BEST}): {best['value']}; {measured}: {_build_time(best)} "
+    said += [
+        f"On this scene, {measured}: {_build_time(best)} "
         f"({times(best['seconds_relative'])} of the time of your configuration's areas), {changed_share(best)} of the conditions changed{places}."
-        + _elsewhere(best)
-    )
+    ]
+    return said + _elsewhere(best)
 
 
 def _build_time(row: Row) -> str:
@@ -84,15 +101,21 @@ def _build_time(row: Row) -> str:
     return f"{number(row['build_seconds'], 3)} s{between} for the whole build with its start, without cures that are tried for a promise"
 
 
-def _elsewhere(row: Row) -> str:
+def _elsewhere(row: Row) -> list[str]:
     """What holds beyond the areas that were measured."""
-    around = row["elsewhere"]
-    if around is None:
-        return ""
-    return (
-        f" On as many other areas of such ground with these Suns {share_text(around[0])} to {share_text(around[1])} change (90 %); other "
-        "ground may change two or three times as much. The time there is this share of what a plan of your configuration states."
+    near, far = row["elsewhere"], other_ground(row)
+    said = []
+    if near:
+        said += [
+            f"On as many other areas of such ground with these Suns {share_text(near[0])} to {share_text(near[1])} change (90 %)."
+        ]
+    limit = (
+        f"On other ground up to {share_text(far[1])} may change ({OTHER_GROUND:g} times as much): measure there."
+        if far
+        else "How many change on other ground this does not say: measure there."
     )
+    share = "The time there is this share of what a plan of your configuration states."
+    return [*said, f"{limit} {share}"]
 
 
 def knobs_markdown(trade: Trade) -> list[str]:

@@ -45,11 +45,20 @@ from .knobs import (
     Sample,
     Setting,
     Written,
+    for_budget,
     row_of,
     settings,
 )
 from .point_changes import compare_points, joined
-from .proposal import proposal, relative, require_one, together, together_row
+from .proposal import (
+    keeps_enough,
+    other_ground,
+    proposal,
+    relative,
+    require_one,
+    together,
+    together_row,
+)
 
 
 @dataclass(frozen=True)
@@ -147,6 +156,16 @@ AREAS, ROUNDS = 4, 2
 
 
 @dataclass(frozen=True)
+class Budget:
+    """What is wanted of all approximations: at most so many seconds of processor time for the whole build, or at most
+    this share of the conditions changed; neither: the table alone.
+    """
+
+    seconds: float | None = None
+    error: float | None = None
+
+
+@dataclass(frozen=True)
 class Trade:
     """Result of a measurement: one row per tier, the compared areas and conditions, an image, and
     the reflectance models; of all approximations the ``rows``, one for each alternative to the user's
@@ -162,16 +181,28 @@ class Trade:
     not_measured: dict[str, str] = field(default_factory=dict)
     best: BuildConfig | None = None
     best_row: dict[str, Any] | None = None
-    budget_s: float | None = None
-    """Processor time that was asked for."""
+    budget: Budget = Budget()
+    """What was asked for."""
+    untried: int = 0
+    """Alternatives that the budget may take and that were not measured."""
 
     def document(self) -> dict[str, Any]:
         """The content of ``trade.json``."""
-        laws = {"rows": self.models.rows(), "seconds_relative": self.models.times()}
+        times = self.models.times()
+        laws = {
+            "rows": self.models.rows(),
+            "seconds_relative": {law: one[0] for law, one in times.items()},
+            "seconds_relative_range": {law: one[1:] for law, one in times.items()},
+        }
         return {
             "rows": self.rows,
             "not_measured": [f"{name}: {why}" for name, why in self.not_measured.items()],
-            "best": self.best_row,
+            "best": self.best_row
+            and self.best_row
+            | {
+                "asked": dataclasses.asdict(self.budget),
+                "other_ground": other_ground(self.best_row),
+            },
             "tiers": self.tiers,
             "models": laws,
             "compared": self.compared,
@@ -245,16 +276,6 @@ def measure_trade(
     )
 
 
-@dataclass(frozen=True)
-class Budget:
-    """What is wanted of all approximations: at most so many seconds of processor time for the whole build, or at most
-    this share of the conditions changed; neither: the table alone.
-    """
-
-    seconds: float | None = None
-    error: float | None = None
-
-
 WORKERS = 2
 """Processes that compute alternatives."""
 
@@ -298,7 +319,9 @@ def measure_all(
     most_s = 6.0 * CONFIRMED * setting_s / len(chosen) + 2.0 * _START_S
     kept_s = min(max(least_s, most_s), left_s / 3.0) if asked else 0.0
     measured = Measurement(sample, workers, until - kept_s, setting_s)
-    wanted = settings(config)
+    wanted, finer = settings(config), (budget.seconds or 0.0) >= first["build_seconds"]
+    if asked:
+        wanted = for_budget(wanted, finer)
     done: list[tuple[Setting, dict[str, Any]]] = []
     missing = found.not_measured | {
         one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced
@@ -325,8 +348,14 @@ def measure_all(
     area_s = pace * first["seconds"] / len(chosen)
     confirmation = Confirmation(build, config, len(chosen), workers, until, area_s)
     best, best_row = _best(confirmation, done, first, budget)
+    tried = [setting for setting, _ in done]
+    untried = sum(one.turned and one.finer == finer and one not in tried for one in wanted)
     return replace(
-        found, best=config.replaced(best.values), best_row=best_row, budget_s=budget.seconds
+        found,
+        best=config.replaced(best.values),
+        best_row=best_row,
+        budget=budget,
+        untried=untried,
     )
 
 
@@ -351,7 +380,9 @@ def _best(
     first: dict[str, Any],
     budget: Budget,
 ) -> tuple[Setting, dict[str, Any]]:
-    """The configuration for a budget and its row: what exceeds the error, or the time with finer settings, is taken back."""
+    """The configuration for a budget and its row. Taken back, the last setting first, is what exceeds the error, or the time
+    with finer settings, and what together keeps too few places and points, though each keeps enough.
+    """
     left = list(done)
     for turn in range(_TRIES + 1):
         taken = proposal(left if turn < _TRIES else [], first, budget.seconds, budget.error)
@@ -362,10 +393,10 @@ def _best(
             kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
         else:
             kept = not any(s.finer for s in taken) or best_row["build_seconds"] <= budget.seconds
-        if kept or not taken:
+        if not taken or (kept and keeps_enough(best_row)):
             break
         left = [one for one in left if one[0] != taken[-1]]
-    return best, best_row
+    return best, best_row | {"finer": any(one.finer for one in taken)}
 
 
 CONFIRMED, CLOSE = 32, 0.15

@@ -25,6 +25,25 @@ def _kept_points(row: Row) -> float:
     return 1.0 - row["points_lost"] / own if own else 0.0
 
 
+OTHER_GROUND = 3.0
+"""How many times as many conditions as on one ground an alternative that leaves more out changes on another, at most: 31 of 31
+comparisons with the sample on six regions, three of them used for nothing else (0 to 2.9;
+docs/measurements/tiers-on-a-scene.md, 35b57c98, 2026-11-28)."""
+
+
+def other_ground(row: Row) -> list[float] | None:
+    """Shares of the conditions between which a configuration for a budget changes on other ground (`OTHER_GROUND`). None, as
+    that is not known, where it changes none here, or leaves less out than the user's.
+    """
+    share = row["conditions_changed_share"]
+    return None if not share or row["finer"] else [0.0, min(1.0, OTHER_GROUND * share)]
+
+
+def keeps_enough(row: Row) -> bool:
+    """True if an alternative has enough of the places, or of the points, of the configuration (`_LEAST_MATCHED`)."""
+    return max(float(row["matched_share"]), _kept_points(row)) >= _LEAST_MATCHED
+
+
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     """Set the times of rows as shares of the configuration's, the first of them, for all areas of a build: its processor time is
     the median of runs between those of the others, each of as many areas; their range gives the interval.
@@ -51,9 +70,7 @@ def proposal(
     some = [
         (setting, row["seconds_relative"], row["conditions_changed_share"])
         for setting, row in rows
-        if setting.turned
-        and row["conditions_changed_share"] is not None
-        and max(row["matched_share"], _kept_points(row)) >= _LEAST_MATCHED
+        if setting.turned and row["conditions_changed_share"] is not None and keeps_enough(row)
     ]
     areas_s = usual["build_seconds"] - BESIDE_S
     factor = max(0.0, budget_s - BESIDE_S) / areas_s if budget_s else 0.0

@@ -36,6 +36,7 @@ from .knob_table import (
     KNOB_COLUMNS,
     KNOBS_EXPLAINED,
     KNOBS_HEADING,
+    best_said,
     knobs_markdown,
     knobs_said,
 )
@@ -94,12 +95,13 @@ def write_trade(trade: Trade, folder: Path, overwrite: bool = False) -> None:
 
     Raises as `atomic_files.check_folder`.
     """
-    document = trade.document() | {"advice": advice(trade.tiers)}
+    document = trade.document() | {"advice": advice(trade.tiers), "best_said": best_said(trade)}
     texts = (json.dumps(document, indent=2) + "\n", render_trade(trade), markdown(trade))
     files = dict(zip(FILES, texts, strict=True))
-    write_folder(
-        folder, files | ({BEST: _from(folder, trade.best)} if trade.best else {}), overwrite
-    )
+    if trade.best:
+        comment = "".join(f"# {line}\n" for line in best_said(trade))
+        files[BEST] = comment + _from(folder, trade.best)
+    write_folder(folder, files, overwrite)
     if overwrite and not trade.best:
         (folder / BEST).unlink(missing_ok=True)
 
@@ -285,8 +287,12 @@ def laws_markdown(models: ModelChanges) -> list[str]:
 
 
 def _law_times(models: ModelChanges) -> str:
-    shares = ", ".join(f"{law} {share:.2f}" for law, share in models.times().items())
-    return f"Time of all images, shadows and shading, as a share of that with {LAWS_BY_COST[-1]}: {shares}."
+    shares = ", ".join(
+        f"{law} {share:.2f} ({low:.2f}..{high:.2f})"
+        for law, (share, low, high) in models.times().items()
+        if law != LAWS_BY_COST[-1]
+    )
+    return f"Processor time of all images, shadows and shading, as a share of that with {LAWS_BY_COST[-1]}, in brackets of single areas: {shares}."
 
 
 def _law_rows(models: ModelChanges) -> list[list[str]]:

@@ -5,12 +5,16 @@ incomplete output.
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 from helpers.commands import refusal
 from lcp_cli.main import run
 
+from lcp_catalog.production.estimate import BESIDE_S
 from lcp_catalog.tradeoff import measurement
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
@@ -35,6 +39,17 @@ accuracy = "draft"
 direction_tolerance_deg = 1.0
 ring_max_km = 20.0
 """
+
+
+E2E = (
+    SMALL.replace("size_km = 25.0", "size_km = 60.0")
+    .replace("[90.0, 270.0]", "[0.0, 45.0, 90.0, 135.0, 180.0, 225.0, 270.0, 315.0]")
+    .replace("[10.0]", "[5.0, 10.0, 20.0, 40.0]")
+    .replace("search_m = 5000.0", "search_m = 5000.0\nspacing_m = 4000.0")
+    .replace("direction_tolerance_deg = 1.0", 'direction_tolerance_deg = 0.5\nalbedo = "none"')
+    .replace('"draft"', '"standard"')
+)
+"""Some areas more, with Suns low enough that approximations change something; its points are spread evenly."""
 
 
 @pytest.fixture
@@ -136,3 +151,68 @@ def test_mistakes_are_one_line(
     monkeypatch.chdir(tmp_path)
     assert says in refusal(["trade", *arguments], code, capsys)
     assert list(tmp_path.iterdir()) == []
+
+
+def _flags(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n, 3) on the unit sphere, and evaluated and usable conditions (n, ...) of a catalogue, by h5py alone."""
+    with h5py.File(path) as file:
+        lon, lat = (np.radians(file[name][:]) for name in ("longitude", "latitude"))
+        flags = file["condition"][:]
+        masks = dict(
+            zip(
+                file["condition"].attrs["flag_meanings"].split(),
+                file["condition"].attrs["flag_masks"].tolist(),
+                strict=True,
+            )
+        )
+    place = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+    whole = sum(masks.values())
+    return place, (flags & masks["evaluated"]) > 0, (flags & whole) == whole
+
+
+@pytest.mark.slow
+def test_the_configuration_for_an_error_holds_in_two_builds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The command names a configuration, two builds are made with the user's and with that, and compared here by place: as
+    much changes and as much time is saved as was said.
+    """
+    toml = tmp_path / "build.toml"
+    toml.write_text(E2E)
+    folder = tmp_path / "trade"
+    asked = ["--max-error", "0.05", "--areas", "3", "--rounds", "1", "--time-limit", "900"]
+    assert run(["trade", DEM, "-o", str(folder), "--config", str(toml), *asked]) == 0
+    capsys.readouterr()
+    document = json.loads((folder / "trade.json").read_text())
+    best, own = document["best"], document["rows"][0]
+    assert best["asked"] == {"seconds": None, "error": 0.05}
+    assert best["value"]
+    assert best["areas"] == document["compared"]["areas_of"]
+    assert 0.0 < best["conditions_changed_share"] <= 0.05
+    lines = (folder / "best.toml").read_text().splitlines()
+    assert [line[2:] for line in lines if line.startswith("# ")] == document["best_said"]
+
+    spent, builds = [], [tmp_path / "own.h5", tmp_path / "best.h5"]
+    for config, output in zip((toml, folder / "best.toml"), builds, strict=True):
+        begun = time.process_time()
+        built = ["build-catalog", DEM, "--config", str(config), "-o", str(output)]
+        assert run([*built, "--jobs", "1", "--try-cures", "0"]) == 0
+        spent.append(time.process_time() - begun)
+    # without what both begin with
+    said = (best["build_seconds"] - BESIDE_S) / (own["build_seconds"] - BESIDE_S)
+    assert said < 0.9
+    assert spent[1] / spent[0] == pytest.approx(said, rel=0.3)
+
+    (old, known, works), (new, also, still) = (_flags(path) for path in builds)
+    away_m = 1737400.0 * np.linalg.norm(old[:, None] - new, axis=2)
+    lost, gained = ((away_m.min(axis=axis) > 2.0 * 474.0).sum() for axis in (1, 0))
+    assert (best["points"], best["points_lost"], best["points_gained"]) == (len(new), lost, gained)
+    here = np.flatnonzero(away_m.min(axis=1) <= 2.0 * 474.0)
+    there = away_m[here].argmin(axis=1)
+    judged = known[here] & also[there]
+    changed = ((works[here] != still[there]) & judged).sum() / judged.sum()
+    # the interval of all places, and two sigmas of the number of conditions that the points here have
+    low, high = best["elsewhere"]
+    counted = 2.0 * np.sqrt(best["conditions_changed_share"] / judged.sum())
+    assert low - counted <= changed <= high + counted
+    assert changed > 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -405,6 +406,108 @@ def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
     assert "your configuration as it is, " in knob_table.knobs_said(late)
     some = dataclasses.replace(late, best_row=late.best_row | {"value": "dependence: 0"})
     assert "for want of time" in knob_table.knobs_said(some)
+
+
+def test_a_budget_measures_first_what_it_may_take() -> None:
+    """For less time or an error the coarser alternatives, what saves most on the sample first; for more time the finer ones."""
+    config = CONFIG.replaced({"points.image_scales": 2, "model.ring_max_km": 400.0})
+    wanted = knobs.settings(config)
+    coarser, finer = (knobs.for_budget(wanted, finer) for finer in (False, True))
+    assert {id(one) for one in coarser} == {id(one) for one in finer} == {id(one) for one in wanted}
+    for order, is_finer in ((coarser, False), (finer, True)):
+        may = [one.turned and one.finer == is_finer for one in order]
+        assert may == sorted(may, reverse=True)
+        assert 5 < sum(may) < len(may)
+    saved = [one.on_sample for one in coarser if one.turned and not one.finer]
+    assert saved == sorted(saved)
+    assert ("two passes", 0.69) in [(one.knob, one.on_sample) for one in coarser[:4]]
+
+
+def test_what_to_take_says_what_holds_where(found: Trade) -> None:
+    """Of this scene, of such ground and of other ground, each for itself; what was not tried is counted."""
+    assert found.best_row is not None
+    row = found.best_row | {
+        "value": "a: 1", "areas": 14, "interval": [0.01, 0.03], "elsewhere": [0.005, 0.035],
+        "conditions_changed_share": 0.02, "finer": False,
+    }  # fmt: skip
+    some = dataclasses.replace(found, best_row=row, budget=Budget(error=0.05), untried=2)
+    said = knob_table.best_said(some)
+    assert said[0].startswith("2 alternatives that it could take were not measured")
+    assert said[1] == "To take (best.toml): a: 1."
+    assert said[2].startswith("On this scene, measured together on 14 areas: ")
+    assert "2 % (1 % to 3 %) of the conditions changed" in said[2]
+    assert "such ground with these Suns 0.5 % to 3.5 % change (90 %)" in said[3]
+    assert said[4].startswith("On other ground up to 6 % may change (3 times as much)")
+    told = json.loads(json.dumps(some.document()))["best"]
+    assert (told["elsewhere"], told["other_ground"]) == ([0.005, 0.035], [0.0, pytest.approx(0.06)])
+    alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})
+    assert knob_table.best_said(alone)[-1] == said[4]
+    for other in ({"finer": True}, {"conditions_changed_share": 0.0}):
+        unknown = dataclasses.replace(some, best_row=row | other)
+        assert unknown.document()["best"]["other_ground"] is None
+        assert "other ground this does not say: measure there" in knob_table.best_said(unknown)[-1]
+    assert knob_table.knobs_said(some).endswith(" ".join(said))
+    late = dataclasses.replace(some, budget=Budget(seconds=0.1))
+    assert knob_table.best_said(late)[0].startswith("The budget of 0.1 s is not reached")
+    none = dataclasses.replace(some, best_row=row | {"value": ""}, untried=0)
+    (only,) = knob_table.best_said(none)
+    assert "nothing measured saves time for certain and changes at most 5 %" in only
+    assert knob_table.best_said(dataclasses.replace(some, best_row=None)) == []
+
+
+def test_what_together_keeps_too_little_is_taken_back() -> None:
+    """Two alternatives, of which each keeps most places and both together a tenth: the second is left out."""
+    rows = [
+        (
+            Setting("a", "1", {"points.rivals": 12}, True),
+            _row(0.5, 0.001) | {"knob": "a", "value": "1"},
+        ),
+        (
+            Setting("b", "1", {"points.error_step": 0.4}, True),
+            _row(0.6, 0.01) | {"knob": "b", "value": "1"},
+        ),
+    ]
+
+    class Told:
+        def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
+            both = len(best.values) == 2
+            kept = {"matched_share": 0.1, "points_lost": 20, "points_gained": 20} if both else {}
+            return told | kept
+
+    usual = _row(1.0, 0.0) | {"seconds": 1.0}
+    best, row = measurement._best(Told(), rows, usual, Budget(error=0.05))
+    assert best.value == "a: 1"
+    assert row["matched_share"] == 1.0
+
+
+def test_names_in_the_chart_cover_nothing() -> None:
+    """Crowded marks: no name lies on another or on a mark, each begins beside its own or is left out."""
+    rng = np.random.default_rng(4)
+    marks = [(float(x), float(y)) for x, y in rng.uniform((200, 100), (420, 300), (40, 2))]
+    named = [(f"approximation {k}: some value", marks[k]) for k in range(12)]
+    texts = [str(one) for one in charts._names(named, marks)]
+    assert 4 < len(texts) <= 12
+    form = r"x='([\d.]+)' y='([\d.]+)' text-anchor='(\w+)'>(.+)</text>"
+    boxes = []
+    for text in texts:
+        found = re.search(form, text)
+        assert found
+        x, y, wide = float(found[1]), float(found[2]), 6.0 * len(found[4])
+        own = dict(named)[found[4]]
+        assert abs(abs(x - own[0]) - 7.0) < 0.1
+        left = x if found[3] == "start" else x - wide
+        assert (left > own[0]) == (found[3] == "start")
+        boxes.append((left, y - 10.0, left + wide, y + 2.0))
+    for k, (left, top, right, bottom) in enumerate(boxes):
+        assert not any(
+            left < x + 3.9 and x - 3.9 < right and top < y + 3.9 and y - 3.9 < bottom
+            for x, y in marks
+        )
+        assert all(
+            right <= b[0] + 0.2 or b[2] <= left + 0.2 or bottom <= b[1] + 0.2 or b[3] <= top + 0.2
+            for b in boxes[:k]
+        )
+    assert charts._names([("x" * 200, (400.0, 200.0))], []) == []
 
 
 @pytest.mark.parametrize(

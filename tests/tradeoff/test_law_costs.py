@@ -46,7 +46,8 @@ def test_areas_add_up():
     for found, values in ((one, [0.5, 0.7]), (two, [0.99])):
         found.correlations[LAWS_BY_COST[0], 2] = [np.array(values)]
         found.images[2] = 3
-        found.seconds[LAWS_BY_COST[0]], found.seconds[LAWS_BY_COST[-1]] = 1.0, 2.0
+        took = 1.0 if found is one else 3.0
+        found.seconds[LAWS_BY_COST[0]], found.seconds[LAWS_BY_COST[-1]] = [took], [2.0 * took + 0.5]
     one.add(two)
     (row,) = one.rows()
     assert row["windows"] == 3
@@ -54,7 +55,9 @@ def test_areas_add_up():
     assert row["correlation_median"] == 0.7
     assert row["phase_deg"] == list(PHASES_DEG[2:4])
     assert row["share_above_0_9"] == pytest.approx(1 / 3)
-    assert one.times()[LAWS_BY_COST[0]] == 0.5
+    assert one.times()[LAWS_BY_COST[0]] == pytest.approx((4.0 / 9.0, 1.0 / 2.5, 3.0 / 6.5))
+    assert one.times()[LAWS_BY_COST[-1]] == (1.0, 1.0, 1.0)
+    assert ModelChanges().times()[LAWS_BY_COST[0]][0] == 0.0
 
 
 def test_the_laws_exist():
