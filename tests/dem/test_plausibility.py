@@ -169,6 +169,7 @@ def test_a_build_says_it(
 
 SUN = ["--sun-azimuth", "90", "--sun-elevation", "30"]
 PLACE = ["--center", "3.8", "26.2"]
+ONE_SUN = ["--gsd", "474", "--sun-azimuths", "105", "--sun-elevations", "30"]
 
 
 @pytest.mark.parametrize(
@@ -178,7 +179,7 @@ PLACE = ["--center", "3.8", "26.2"]
         ["dem", "info", "DEM", "--json"],
         ["render", "DEM", "-o", "OUT.tif", *PLACE, "--size", "3", *SUN],
         ["sun", *PLACE, "--time", "2026-11-27T12:00:00", "--dem", "DEM"],
-        ["build-catalog", "DEM", "-o", "OUT.h5", "--plan"],
+        ["build-catalog", "DEM", "-o", "OUT.h5", "--plan", *PLACE, "--size", "20", *ONE_SUN],
     ],
 )
 def test_each_command_says_once_that_heights_are_kilometres(
