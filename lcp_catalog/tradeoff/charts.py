@@ -205,7 +205,7 @@ def knobs_chart(rows: list[Row]) -> Markup:
 _WIDE_PX, _LEFT_PX = 820.0, 92.0
 """Width of the chart of all approximations and of what is left of its axis, units of the chart."""
 
-_LETTER_PX, _LINE_PX, _MARK_PX = 6.0, 12.0, 4.0
+_LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 12.0, 4.0
 """Greatest mean width of a letter of a name, its height, and the radius of a mark, in units of the chart."""
 
 _AWAY_PX = 0.0, -11.0, 11.0, -22.0, 22.0, -33.0, 33.0

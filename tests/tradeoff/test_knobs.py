@@ -492,7 +492,7 @@ def test_names_in_the_chart_cover_nothing() -> None:
     for text in texts:
         found = re.search(form, text)
         assert found
-        x, y, wide = float(found[1]), float(found[2]), 6.0 * len(found[4])
+        x, y, wide = float(found[1]), float(found[2]), 6.8 * len(found[4])
         own = dict(named)[found[4]]
         assert abs(abs(x - own[0]) - 7.0) < 0.1
         left = x if found[3] == "start" else x - wide
