@@ -6,7 +6,6 @@ Coverage and overview of catalogues that are merged.
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
 import logging
 import math
@@ -36,11 +35,12 @@ from ..catalog.writing import new_catalog, write_catalog
 from ..choices import INDEX
 from ..errors import AreaError, CatalogError, ConfigError, not_a, printable
 from ..geometry.bounds import enclosing_bounds, turned_deg
+from ..geometry.frames import lonlat_to_mcmf
 from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select
 from ..terrain.area import Area
 from .config import BuildConfig
-from .overlap import MergedPart, agreement
+from .overlap import MergedPart, agreement, near_pairs
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES, middles, ring_cells
 
 log = logging.getLogger(__name__)
@@ -107,8 +107,12 @@ class MergedMaps:
         x, y = middles(x0, x1, step), middles(y0, y1, step)[::-1]
         lon, lat = plane.lonlat(*np.meshgrid(x, y))
         height = np.full(lon.shape, np.nan)
+        known = np.isfinite(lon)
+        place = np.full((*lon.shape, 3), np.nan)
+        place[known] = lonlat_to_mcmf(lon[known], lat[known])
         for part in finest:
-            todo = np.isnan(height) & np.isfinite(lon)
+            todo = np.isnan(height) & known
+            todo[todo] = part.near(place[todo])
             height[todo] = part.heights(lon[todo], lat[todo])
         return Overview(
             height.astype(np.float32), x, y, plane.center_lon, plane.center_lat, plane.projection
@@ -297,7 +301,7 @@ class _Merge:
         that could not be seen.
         """
         unseen = []
-        for one, other in itertools.combinations(range(len(self.inputs)), 2):
+        for one, other in near_pairs(self.maps.parts):
             found = agreement(self.maps.parts[one], self.maps.parts[other])
             paths = self.inputs[other].path, self.inputs[one].path
             if found.fault:

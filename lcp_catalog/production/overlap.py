@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -24,6 +24,9 @@ from ..terrain.area import Area
 _NODES_MOST = 20_000
 _PAIRS_MOST = 256
 """Nodes of an overview, and pairs of patches, that are compared at most."""
+
+_BALL_NODES = 33
+"""Nodes along a side of an overview by which a sphere around it is found."""
 
 
 class Agreement(NamedTuple):
@@ -65,6 +68,36 @@ class MergedPart:
         found = sampled(self.catalog.overview.height[None], self.nodes(lon_deg, lat_deg), 0.5)
         return np.asarray(found[0])
 
+    @cached_property
+    def ball(self) -> tuple[Array, float]:
+        """A sphere around the places that the overview shows and those of the points with their patches: centre (3,), MCMF, and
+        radius, metres; infinite for an overview that goes beyond the Moon.
+        """
+        catalog, view = self.catalog, self.catalog.overview
+        x, y = (
+            axis[np.linspace(0, len(axis) - 1, min(len(axis), _BALL_NODES)).astype(np.int64)]
+            for axis in (view.x, view.y)
+        )
+        nodes = lonlat_to_mcmf(*view.plane.lonlat(*np.meshgrid(x, y)))
+        steps = [
+            np.linalg.norm(np.diff(nodes, axis=axis), axis=2).max(initial=0.0) for axis in (0, 1)
+        ]
+        points = lonlat_to_mcmf(catalog.longitude, catalog.latitude)
+        patch_m = catalog.patch_nodes * float(catalog.gsd.max(initial=0.0))
+        places = np.concatenate([nodes.reshape(-1, 3), points])
+        center = (places.min(axis=0) + places.max(axis=0)) / 2.0
+        # what lies between the nodes and half a step beyond them is nearer to one of them than the diagonal of a mesh
+        margin_m = max(2.0 * sum(steps) + self.step_m, patch_m)
+        radius_m = np.linalg.norm(places - center, axis=1).max() + margin_m
+        return center, math.inf if np.isnan(radius_m) else float(radius_m)
+
+    def near(self, position_mcmf_m: Array) -> AnyArray:
+        """False for places (n, 3) on the sphere, metres, that its overview certainly does not show."""
+        center, radius_m = self.ball
+        if math.isinf(radius_m):
+            return np.ones(len(position_mcmf_m), bool)
+        return np.asarray(np.linalg.norm(position_mcmf_m - center, axis=1) <= radius_m)
+
     def same_files(self, other: MergedPart) -> bool:
         """Whether both were made from the same DEM files."""
         one, two = ({file["sha256"] for file in part.catalog.sources} for part in (self, other))
@@ -88,6 +121,17 @@ class MergedPart:
             place_m=math.hypot(tie_m, max(patch_m, cells_m)),
             level_m=max(known, default=UNKNOWN_SIGMA_M),
         )
+
+
+def near_pairs(parts: Sequence[MergedPart]) -> Iterator[tuple[int, int]]:
+    """The pairs of parts (numbers, ascending) that may show the same ground: of thousands of neighbours few for each."""
+    centers = np.array([part.ball[0] for part in parts])
+    radii = np.array([part.ball[1] for part in parts])
+    for one in range(len(parts)):
+        away = np.linalg.norm(centers[one + 1 :] - centers[one], axis=1)
+        # not "<=": an infinite sphere has no centre, and meets all
+        for other in np.flatnonzero(~(away > radii[one + 1 :] + radii[one])).tolist():
+            yield one, one + 1 + other
 
 
 def agreement(one: MergedPart, other: MergedPart) -> Agreement:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,9 +17,11 @@ from helpers.merges import written
 from scipy.ndimage import gaussian_filter
 
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.model import Overview
 from lcp_catalog.errors import CatalogError
-from lcp_catalog.production.merging import merge_catalogs
-from lcp_catalog.production.overlap import Agreement, MergedPart, agreement
+from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR, ORTHOGRAPHIC, POLAR_STEREOGRAPHIC
+from lcp_catalog.production.merging import MergedMaps, merge_catalogs
+from lcp_catalog.production.overlap import Agreement, MergedPart, agreement, near_pairs
 from lcp_catalog.terrain.area import Area
 
 pytestmark = pytest.mark.usefixtures("unchecked")
@@ -287,3 +290,62 @@ def test_heights_of_other_ground_are_not_compared(inputs: list[Catalog], tmp_pat
     west = replace(west, overview=replace(west.overview, height=half))
     east = replace(east, overview=replace(east.overview, height=flipped))
     merge_catalogs(written(tmp_path, [west, east]), tmp_path / "m.h5")
+
+
+TILES = [
+    (0.0, 0.0, 30e3, ORTHOGRAPHIC),
+    (1.5, 0.5, 30e3, ORTHOGRAPHIC),
+    (2.0, 0.0, 32e3, ORTHOGRAPHIC),
+    (359.0, 1.0, 30e3, ORTHOGRAPHIC),
+    (180.0, 1.0, 200e3, ORTHOGRAPHIC),
+    (20.0, 89.5, 60e3, ORTHOGRAPHIC),
+    (200.0, 89.0, 60e3, ORTHOGRAPHIC),
+    (0.0, 90.0, 900e3, POLAR_STEREOGRAPHIC),
+    (50.0, 0.0, 1600e3, EQUIRECTANGULAR),
+]
+"""Longitude, latitude and half side (m) of regions at the meridian, at its other side and at a pole."""
+
+
+def tiles(inputs: list[Catalog]) -> list[MergedPart]:
+    """Overviews of the regions, each of other files and with two points in opposite corners."""
+    found = []
+    for lon, lat, half_m, projection in TILES:
+        axis = np.linspace(-half_m, half_m, 41)
+        height = np.random.default_rng(int(half_m)).normal(0.0, 10.0, (41, 41)).astype(np.float32)
+        view = Overview(height, axis, axis[::-1], lon, lat, projection)
+        corners = np.array([-0.98, 0.98]) * half_m
+        some = merges.moved(inputs[0][:2], *view.plane.lonlat(corners, corners))
+        files = [{"name": "a.tif", "size": 1, "sha256": f"{len(found):064x}"}]
+        region = Area.from_bounds(lon - 1.0, max(lat - 1.0, -90.0), lon + 1.0, min(lat + 1.0, 90.0))
+        found.append(MergedPart(replace(some, overview=view, sources=files), [region]))
+    return found
+
+
+def test_only_pairs_of_other_ground_are_left_out(inputs: list[Catalog]) -> None:
+    """Against the comparison of every pair, either way round."""
+    parts = tiles(inputs)
+    pairs = set(near_pairs(parts))
+    every = list(itertools.combinations(range(len(parts)), 2))
+    shown = {
+        (one, other)
+        for one, other in every
+        if agreement(parts[one], parts[other]) != Agreement()
+        or agreement(parts[other], parts[one]) != Agreement()
+    }
+    assert len(shown) > len(TILES)
+    assert shown <= pairs
+    assert len(pairs) < len(every) * 2 / 3
+
+
+def test_an_overview_is_that_of_all_parts(
+    inputs: list[Catalog], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The places that a part is not asked for are none that it shows."""
+    for some in (TILES[:4], TILES[5:8], TILES):
+        parts = [tiles(inputs)[TILES.index(one)] for one in some]
+        fast = MergedMaps(parts).overview().height
+        with monkeypatch.context() as patch:
+            patch.setattr(MergedPart, "near", lambda part, place: np.ones(len(place), bool))
+            slow = MergedMaps(parts).overview().height
+        assert np.isfinite(fast).any()
+        np.testing.assert_array_equal(fast, slow)
