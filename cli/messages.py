@@ -27,7 +27,7 @@ class _State:
 
     as_json = False
     replaced = False
-    """The last line on the terminal is one that is to be replaced."""
+    """The last line on the terminal is one that is to be replaced, or that will be drawn again."""
     progress_at = math.inf
     """When the last line of progress was written (`time.monotonic`), if there was one."""
 
@@ -42,6 +42,11 @@ def replace_line(text: str) -> None:
     """Show a line on the terminal in place of the last one of its kind."""
     click.echo(f"\r{text}\x1b[K", err=True, nl=False)
     _State.replaced = True
+
+
+def drawn(line: bool = True) -> None:
+    """A ``line`` of progress was drawn, which a message takes away; or it stays as it is."""
+    _State.replaced = line
 
 
 def clear() -> None:

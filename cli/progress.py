@@ -66,14 +66,20 @@ def progress(label: str, weights: Sequence[float] = ()) -> Iterator[Callable[[in
         show_eta=not weights,
         item_show_func=shown,
     )
-    with bar, _beating(bar.render_progress):
 
-        def update(done: int, total: int) -> None:
-            pace.update(done, total)
-            bar.length = max(total, 1)
-            bar.update(done - bar.pos, done)
+    def draw() -> None:
+        bar.render_progress()
+        messages.drawn()
 
+    def update(done: int, total: int) -> None:
+        pace.update(done, total)
+        bar.length = max(total, 1)
+        bar.update(done - bar.pos, done)
+        messages.drawn()
+
+    with bar, _beating(draw):
         yield update
+        messages.drawn(False)
 
 
 @contextmanager

@@ -36,10 +36,10 @@ BUDGETS = {
     # one brightness, light by way of other ground, own Suns
     # 38: 2450 cameras from SPICE and CCSDS, Python and notebooks, cures, files on servers, wrong calls
     # 39: 520 flight files, STAC items
-    "code lines, lcp_catalog": 48280,
+    "code lines, lcp_catalog": 48317,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
-    "code lines, cli": 4414,
+    "code lines, cli": 4421,
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
     # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
     # 735 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)

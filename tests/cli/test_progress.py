@@ -251,6 +251,30 @@ def test_a_command_without_steps_says_that_it_works(tmp_path: Path) -> None:
     assert seen.endswith(b"\r\x1b[K")
 
 
+WARNED = """
+import logging
+from lcp_cli import messages
+from lcp_cli.progress import progress
+messages.reset()
+with progress("areas") as update:
+    update(1, 3)
+    logging.getLogger("lcp_catalog").warning("a doubt")
+    update(2, 3)
+"""
+
+
+def test_a_warning_stands_on_a_line_of_its_own() -> None:
+    """On a terminal the bar is taken away for it, and drawn again."""
+    ours, theirs = pty.openpty()
+    subprocess.run([sys.executable, "-c", WARNED], stderr=theirs, check=True)
+    os.close(theirs)
+    seen = os.read(ours, 100_000).decode()
+    before, after = seen.split("\r\x1b[Ka doubt\r\n")
+    assert before.rpartition("\r")[2].endswith("so far")
+    assert "  2/3  " in after
+    assert after.endswith("\r\n")
+
+
 CHECKED = """
 import sys
 from lcp_catalog import child_process

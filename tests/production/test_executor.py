@@ -200,6 +200,15 @@ def test_no_threads_of_kernels_are_started_before_the_fork() -> None:
     assert done.stdout.split() == ["False", "True", "False", "False"]
 
 
+def test_nothing_is_compiled_by_the_process_that_is_forked(tmp_path: Path) -> None:
+    """On a machine without kernels others compile them meanwhile, once, and say so."""
+    own = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "own"), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-c", PRELOADED]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=own)
+    assert done.stderr == ""
+    assert not list(tmp_path.rglob("*.kernel"))
+
+
 PARENT = """
 import os, sys, time
 from lcp_catalog.production.executor import {pool}
