@@ -438,11 +438,8 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
             f"one Sun direction an area: about {100.0 * turned['flags_changed']:.1f} % of the unshadowed flags at "
             f"{turned['sun_elevation']:g} deg of Sun are others than under the points' own Suns (-v: more)"
         )
-    if worth := document.get("albedo_worth"):
-        told = "; ".join(
-            f"{one['sun_elevation']:g} deg {one['usable']:g} ({one['without']:g})" for one in worth
-        )
-        echo(f"usable candidates of one area by Sun, in brackets without the albedo map: {told}")
+    for text in _by_sun(document):
+        echo(text)
     if click.get_current_context().find_root().params.get("verbose"):
         for level in document.get("levels", ()):
             echo(
@@ -453,6 +450,21 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
             echo(_decision_text(decision))
         matching = 100.0 * document["matching_cost"]
         echo(f"  candidates, search and claims: {matching:.2g} % of the time")
+
+
+def _by_sun(document: dict[str, Any]) -> Iterator[str]:
+    """What is expected of the points, by the Sun's elevation."""
+    if worth := document.get("albedo_worth"):
+        told = "; ".join(
+            f"{one['sun_elevation']:g} deg {one['usable']:g} ({one['without']:g})" for one in worth
+        )
+        yield f"usable candidates of one area by Sun, in brackets without the albedo map: {told}"
+    if frames := document.get("located_by_sun"):
+        told = "; ".join(
+            f"{one['sun_elevation']:g} deg {one['by_points']:.2f}, {one['with_ground']:.2f}"
+            for one in frames
+        )
+        yield f"about how probably a frame of the footprint is located, by points, with the ground: {told}"
 
 
 def _name_switches(decisions: list[dict[str, Any]]) -> None:

@@ -90,7 +90,17 @@ GROUPS = {
     ),
     "Output": (
         *("--output", "--preview", "--map", "--plot", "--chart", "--fit-errors", "--dossier"),
-        *("--evidence", "--require", "--list", "--set", "--quick", "--plan", "--explain", "--json"),
+        *(
+            "--evidence",
+            "--require",
+            "--located",
+            "--list",
+            "--set",
+            "--quick",
+            "--plan",
+            "--explain",
+            "--json",
+        ),
         *("--depfile", "--overwrite", "--log-format", "--help"),
     ),
 }

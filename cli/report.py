@@ -60,9 +60,9 @@ def command(
     """
     if not dossier:
         _refuse_dossier_options()
-        from lcp_catalog.catalog.report import write_report
+        from lcp_catalog.navigation.catalogue_page import report
 
-        write_report(catalog, output, overwrite=overwrite)
+        report(catalog, output, overwrite=overwrite)
         say(f"{output}: written")
         return 0
 

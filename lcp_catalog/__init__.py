@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from .catalog.catalogue import Catalog as Catalog
     from .catalog.comparison import diff as diff
     from .catalog.comparison import inspect as inspect
-    from .catalog.comparison import report as report
     from .catalog.verification import open_catalog as open_catalog
     from .dem.mosaic import DemSet as DemSet
     from .dem.public import DemInfo as DemInfo
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     from .matching.templates import render_patches as render_patches
     from .navigation.camera_info import CameraInfo as CameraInfo
     from .navigation.camera_info import camera_info as camera_info
+    from .navigation.catalogue_page import report as report
     from .navigation.expected_position import Answer as Answer
     from .navigation.expected_position import query as query
     from .navigation.expected_position import query_trajectory as query_trajectory
@@ -94,7 +94,7 @@ _MODULES = {
     "read_sensor": "cameras.camera_file",
     "render": "rendering.public",
     "render_patches": "matching.templates",
-    "report": "catalog.comparison",
+    "report": "navigation.catalogue_page",
     "simulate": "simulation.output",
     "sun_at": "light.sun_visibility",
     "trade": "tradeoff.report",

@@ -28,6 +28,7 @@ LISTED: dict[str, str] = {
     "a formula, exact or from a publication that the function names": """
         landmarks.corners 15.865 84.135 100
         landmarks.error_model 6
+        landmarks.ground_votes 10
         landmarks.located 10 100
         landmarks.patches 12
         light.environment_map 0.5

@@ -36,10 +36,12 @@ BUDGETS = {
     # one brightness, light by way of other ground, own Suns
     # 38: 2450 cameras from SPICE and CCSDS, Python and notebooks, cures, files on servers, wrong calls
     # 39: 520 flight files, STAC items
-    "code lines, lcp_catalog": 48317,
+    # 35: 297 located frames of promises, the votes of points in a room of their own
+    "code lines, lcp_catalog": 48614,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
-    "code lines, cli": 4421,
+    # 35: 42 their option and line of a plan
+    "code lines, cli": 4463,
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
     # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)

@@ -1,6 +1,6 @@
 """The differences of two catalogues: points that came, went, moved or changed, and by how much.
 
-Public functions about catalogues: what one holds, how two differ, a report as a page.
+Public functions about catalogues: what one holds, how two differ.
 """
 
 from __future__ import annotations
@@ -17,13 +17,12 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..arrays import AnyArray, Array, Index
-from ..atomic_files import check_ending, csv_lines, write_aside
+from ..atomic_files import csv_lines, write_aside
 from ..errors import not_a, package
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
 from .layout import GROUPS, TEXT, key
 from .model import BLOCK_BYTES
-from .report import write_report
 from .schema import VARIABLES, levels
 from .stored import content_sha256
 from .summary import describe
@@ -566,35 +565,3 @@ def diff(first: CatalogOrPath, second: CatalogOrPath) -> Comparison:
     if isinstance(first, Catalog) or isinstance(second, Catalog):
         return compare_catalogs(opened_catalog(first), opened_catalog(second))
     return compare(first, second)
-
-
-def report(catalog: CatalogOrPath, output: Path | str, *, overwrite: bool = False) -> None:
-    """Write the report of a catalogue, one HTML page without external references: map of the points,
-    the points under a chosen Sun, their patches, what the catalogue promises.
-
-    Parameters
-    ----------
-    catalog:
-        A catalogue, or its file.
-    output:
-        The page, .html.
-    overwrite:
-        True: replace an existing page.
-
-    Raises
-    ------
-    CatalogError
-        For a file that is no catalogue or is damaged.
-    ConfigError
-        For an output with the ending of another format.
-    OutputExistsError, OutputError
-        For the page.
-
-    Examples
-    --------
-    >>> lcp.report(catalog, folder / "small.html")
-    >>> (folder / "small.html").read_text()[:15]
-    '<!DOCTYPE html>'
-    """
-    check_ending(output, ".html")
-    write_report(catalog, output, overwrite)

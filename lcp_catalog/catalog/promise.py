@@ -5,7 +5,7 @@ and by the number of points.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,33 @@ WORST = 5
 """Number of worst Suns that are named."""
 
 _CURVE_STEPS = 12
+
+
+@dataclass(frozen=True)
+class LocatedBySun:
+    """Frames of a promise's footprint at moments with one Sun each, in one row of the Sun grid; ``gsd_m``: the promise's cells;
+    ``located_probability``: what is promised. Of the ``frames``: the mean probability of being located, by points and with the
+    ground as a whole, and the shares of frames with at least as much as promised.
+    """
+
+    gsd_m: float
+    sun_elevation_deg: tuple[float, float]
+    located_probability: float
+    frames: int
+    by_points: float
+    with_ground: float
+    share_by_points: float
+    share_with_ground: float
+
+    @property
+    def row(self) -> tuple[str, str]:
+        """Name and line of text."""
+        return (
+            "  moments",
+            f"Sun {range_text([*self.sun_elevation_deg])}: located with {self.by_points:.2f} by points, "
+            f"{self.with_ground:.2f} with the ground; with {self.located_probability:g} in "
+            f"{100.0 * self.share_by_points:.0f} and {100.0 * self.share_with_ground:.0f} % of {self.frames} frames",
+        )
 
 
 def merged_promise(catalogs: Sequence[Catalog], lost: Sequence[Index]) -> Promise | None:

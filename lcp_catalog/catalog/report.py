@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import zlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ from .charts import (
     symbol,
 )
 from .layout import packing
-from .promise import promised_text, range_text, worst_text
+from .promise import LocatedBySun, promised_text, range_text, worst_text
 from .schema import COVERAGE_STATUS, COVERAGE_UNKNOWN, SCHEMA_VERSION, usable
 from .summary import (
     Statistics,
@@ -290,19 +291,25 @@ HOLES = {
 
 
 def write_report(
-    catalog: Catalog | Path | str, output: Path | str, overwrite: bool = False
+    catalog: Catalog | Path | str,
+    output: Path | str,
+    overwrite: bool = False,
+    moments: Callable[[Catalog], Sequence[LocatedBySun]] | None = None,
 ) -> None:
-    """Write the report of a catalogue, or of its file. Raises CatalogError for a catalogue that cannot be read, and
-    the errors of `atomic_files.check_output`.
+    """Write the report of a catalogue, or of its file; ``moments``: says how probably frames are located. Raises CatalogError
+    for a catalogue that cannot be read, and the errors of `atomic_files.check_output`.
     """
     path = catalog.path if isinstance(catalog, Catalog) else catalog
     check_output(output, overwrite, [] if path is None else [path])
     opened = catalog if isinstance(catalog, Catalog) else open_catalog(catalog)
-    html = render_report(opened, "in memory" if path is None else Path(path).name)
+    name = "in memory" if path is None else Path(path).name
+    html = render_report(opened, name, moments=moments(opened) if moments else ())
     write_bytes(output, html.encode("utf-8"), overwrite)
 
 
-def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> str:
+def render_report(
+    catalog: Catalog, name: str, cards_max: int = CARDS_MAX, moments: Sequence[LocatedBySun] = ()
+) -> str:
     """The report as HTML. Equal catalogues give equal text."""
     statistics = Statistics.of(catalog)
     found = summary(catalog, statistics)
@@ -333,6 +340,7 @@ def render_report(catalog: Catalog, name: str, cards_max: int = CARDS_MAX) -> st
         points_max=POINTS_MAX,
         elevation_chart=_elevation_chart(found),
         promise=_promise(catalog, found),
+        moments=moments,
         claims=_claims(catalog, statistics, disc),
         discs=_discs(statistics, disc),
         view_name=view_name,

@@ -51,8 +51,9 @@ _POSITION_M = 1000.0
 _REACH_PX = 16.0, 64.0
 
 _EXPONENTS = np.linspace(0.02, 0.98, 49)
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
-_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
+NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
+WEIGHTS = WEIGHTS / WEIGHTS.sum()
+"""Nodes and weights of the mean over the common factor."""
 
 
 def log10_false_alarms(
@@ -116,9 +117,14 @@ class Units:
 
 def chance_of(gsd_m: float) -> float:
     """Chance of a match to agree by accident, in an image whose pixel is the cell."""
-    reach = float(np.clip(GATE * _POSITION_M / gsd_m, *_REACH_PX))
+    reach = reach_of(gsd_m)
     area = math.pi * (GATE**2 * _SIGMA_PX**2 + _TOLERANCE_PX**2)
     return area / (2.0 * reach + 1.0) ** 2
+
+
+def reach_of(gsd_m: float) -> float:
+    """How far a point is searched for, pixels, in an image whose pixel is the cell."""
+    return float(np.clip(GATE * _POSITION_M / gsd_m, *_REACH_PX))
 
 
 def needed(count: int, probability: float, chance: float) -> int:
@@ -147,7 +153,7 @@ def equal_points(count: int, probability: float, chance: float) -> float:
         return 0.0
     probit, normal = NormalDist().inv_cdf(probability), NormalDist()
     total = 0.0
-    for u, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True):
+    for u, weight in zip(NODES.tolist(), WEIGHTS.tolist(), strict=True):
         moved = probit + math.sqrt(COMMON_VARIANCE) * u
         p = normal.cdf(moved / math.sqrt(1.0 - COMMON_VARIANCE))
         below = sum(math.comb(count, k) * p**k * (1.0 - p) ** (count - k) for k in range(least))

@@ -32,6 +32,7 @@ from numpy.typing import ArrayLike
 from ..arrays import Array, Index, Mask
 from ..cameras.sensor import Sensor, Uncertainty
 from ..errors import PoseError
+from ..landmarks.ground_votes import independent_share
 from ..landmarks.located import GATE, SIGNIFICANT, log10_false_alarms
 from .pose import Pose, jacobian, residuals_px, solve
 
@@ -143,15 +144,6 @@ def by_chance(covariance_px2: Array, reach_px: Array) -> Array:
     """
     area = math.pi * GATE**2 * np.sqrt(np.linalg.det(covariance_px2))
     return np.asarray(area / (2.0 * reach_px + 1.0) ** 2)
-
-
-def independent_share(places_px: Array, width_px: float) -> float:
-    """k_eff / k of patches of one width at places (k, 2): 1 if none overlap."""
-    if width_px <= 0.0 or not len(places_px):
-        return 1.0
-    off = np.abs(places_px[:, None] - places_px[None])
-    shared = np.clip(1.0 - off / width_px, 0.0, None).prod(-1)
-    return float(len(places_px) / shared.sum())
 
 
 @dataclass(frozen=True, eq=False)

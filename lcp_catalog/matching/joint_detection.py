@@ -10,46 +10,46 @@ in the probits of all of them, of the variance rho,
 PB is the Poisson binomial distribution: the number of independent trials that succeed (Vasicek's one-factor
 model; the mean of each probability stays p_i). The mean over u is a Gauss-Hermite sum.
 
-Without such an agreement `locate` adds up the votes of all points for each offset (`joint_offset`). A claim p_i says
-that the correlation at the true place exceeds the highest other one: in sigmas of the point's map,
-z_i = `RIVAL_Z` + Phi^-1(p_i) + sqrt(rho) u + sqrt(1 - rho) e_i, all of them standard normal. Its vote is then -ln(1 - Phi(z_i)),
-but at most ln of the number of offsets, the sum of the votes is normal for given u (patches that overlap count as
-fewer), and the sum that is significant is that of `search_area.coarse_shift`. For given u the frame is located at least
-with the larger of the two probabilities.
+Without such an agreement `locate` adds up the votes of all points for each offset (`landmarks.ground_votes`). For given u
+the frame is located at least with the larger of the two probabilities.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import gammainccinv, log_ndtr, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
 from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..catalog.schema import DETECTION_STEP
-from ..landmarks.located import COMMON_VARIANCE, SIGNIFICANT, WRONG, log10_false_alarms
-from .consensus import by_chance, independent_share, minimal_set, widened
-from .joint_offset import FARTHEST_PX, FEWEST, MOST_POINTS, MOST_SLACK_PX
+from ..landmarks.ground_votes import (
+    FARTHEST_PX,
+    FEWEST,
+    MOST_POINTS,
+    MOST_SLACK_PX,
+    ground_shows,
+    independent_share,
+    offsets_of,
+)
+from ..landmarks.located import (
+    COMMON_VARIANCE,
+    NODES,
+    SIGNIFICANT,
+    WEIGHTS,
+    WRONG,
+    log10_false_alarms,
+)
+from .consensus import by_chance, minimal_set, widened
 from .point_choice import at_one_scale, patch_width_px, reduction
 from .position_fix import USUAL, Options
-from .search_area import independent_votes, search_reach_px, slack_px
+from .search_area import search_reach_px, slack_px
 
 DEFAULTS = Options()
-
-RIVAL_Z = 2.7
-"""Level of a point's highest rival, in sigmas of its map of correlations (artanh). The most likely one for the joint votes of 38
-simulated frames under Suns of 45 to 75 deg is 2.72, for 38 others 2.74 (`benchmarks.evidence frames`, 2026-11-27)."""
-
-_Z = np.linspace(-4.0, 12.0, 65)
-"""Levels at which the mean and the variance of a vote are computed."""
-
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
-_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
 def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIANCE) -> Array:
@@ -58,45 +58,27 @@ def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIA
     Probabilities are kept half a step of their storage from 0 and 1. ValueError for NaN.
     """
     tails = _tails(_probits(probability), common_variance)
-    return np.asarray(np.clip(_WEIGHTS @ tails, 0.0, 1.0))
-
-
-def ground_shows(
-    probability: ArrayLike,
-    offsets: int,
-    independent: float = 1.0,
-    common_variance: float = COMMON_VARIANCE,
-) -> Array:
-    """Probabilities (15,), at the nodes of the common factor, that the votes of n points with the claims (n,) for their true
-    offset, one of so many, are significant; ``independent``: the share of the points that share no ground. ValueError for
-    NaN.
-    """
-    probit, most = _probits(probability), math.log(offsets)
-    levels = _Z[:, None] + math.sqrt(1.0 - common_variance) * _NODES
-    votes = np.minimum(-log_ndtr(-levels), most)
-    mean = votes @ _WEIGHTS
-    spread = np.maximum(votes**2 @ _WEIGHTS - mean**2, 0.0)
-    z = RIVAL_Z + probit + math.sqrt(common_variance) * _NODES[:, None]  # (15, n)
-    total = np.interp(z, _Z, mean).sum(1)
-    sigma = np.sqrt(np.interp(z, _Z, spread).sum(1) / independent)
-    count = independent_votes(len(probit), independent)
-    least = gammainccinv(count, 10.0**SIGNIFICANT / offsets) * len(probit) / count
-    return np.asarray(ndtr((total - least) / np.maximum(sigma, 1e-9)))
+    return np.asarray(np.clip(WEIGHTS @ tails, 0.0, 1.0))
 
 
 def _probits(probability: ArrayLike) -> Array:
+    return np.asarray(ndtri(_inside(probability)))
+
+
+def _inside(probability: ArrayLike) -> Array:
+    """Probabilities (n,) half a step of their storage from 0 and 1. ValueError for NaN."""
     half = DETECTION_STEP / 2.0
     p = np.clip(np.asarray(probability, np.float64).reshape(-1), half, 1.0 - half)
     if not np.isfinite(p).all():
         raise ValueError("a probability is not a number")
-    return np.asarray(ndtri(p))
+    return np.asarray(p)
 
 
 def _tails(probit: Array, common_variance: float = COMMON_VARIANCE) -> Array:
     """Probabilities (15, n + 1) that at least 0, 1, ... n points are found, at the nodes of the common factor."""
-    moved = probit + np.sqrt(common_variance) * _NODES[:, None]
+    moved = probit + np.sqrt(common_variance) * NODES[:, None]
     chance = ndtr(moved / np.sqrt(1.0 - common_variance))  # (15, n)
-    count = np.zeros((len(_NODES), len(probit) + 1))
+    count = np.zeros((len(NODES), len(probit) + 1))
     count[:, 0] = 1.0
     for k in range(len(probit)):
         hit = chance[:, k : k + 1]
@@ -150,9 +132,10 @@ def joint_detection(
     p = probability[chosen]
     search = _Search(catalog, rows[chosen], sensor, p, uncertainty, options)
     needed, tails = search.needed(covariance_px2[chosen]), _tails(_probits(p))
-    by_points = tails[:, needed] if needed <= len(p) else np.zeros(len(_NODES))
-    located = float(_WEIGHTS @ np.maximum(by_points, search.ground_shows()))
-    return JointDetection(float(p.sum()), at_least_found(p), needed, min(located, 1.0))
+    by_points = tails[:, needed] if needed <= len(p) else np.zeros(len(NODES))
+    located = float(WEIGHTS @ np.maximum(by_points, search.ground_shows()))
+    at_least = np.asarray(np.clip(WEIGHTS @ tails, 0.0, 1.0))
+    return JointDetection(float(p.sum()), at_least, needed, min(located, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,10 +203,10 @@ class _Search:
         some = slice(MOST_POINTS)
         reach = max(float(np.median(self.reach_px[some])), self.width_px)
         if len(self.rows) < FEWEST or reach > FARTHEST_PX * self.factor:
-            return np.zeros(len(_NODES))
+            return np.zeros(len(NODES))
         slack = slack_px(self.sensor, self.places[some], self.uncertainty)
         if slack > MOST_SLACK_PX * self.factor:
-            return np.zeros(len(_NODES))
-        offsets = (2 * math.ceil(reach / self.factor) + 1) ** 2
+            return np.zeros(len(NODES))
+        offsets = offsets_of(reach / self.factor)
         share = independent_share(self.pixels[some], self.width_px)
-        return ground_shows(self.probability[some], offsets, share)
+        return ground_shows(_inside(self.probability[some]), offsets, share)

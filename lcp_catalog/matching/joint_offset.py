@@ -25,14 +25,18 @@ from ..arrays import Array, Index
 from ..cameras.sensor import Sensor, Uncertainty
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
+from ..landmarks.ground_votes import (
+    FARTHEST_PX,
+    FEWEST,
+    MOST_POINTS,
+    MOST_SLACK_PX,
+    independent_share,
+)
 from ..landmarks.located import GATE, SIGNIFICANT
 from ..photometry.laws import Reflectance
 from . import sun_check
 from .common_errors import map_sigma_m, shadow_shift_px
-from .consensus import (
-    independent_share,
-    widened,
-)
+from .consensus import widened
 from .point_choice import likeliest
 from .point_search import SearchImage
 from .pose import Pose, jacobian, solve
@@ -42,14 +46,6 @@ from .sun_check import SunCheck, check_sun
 
 SHOWS = -3.0
 """log10 of the number of false alarms from which on an image counts as one of another place."""
-
-FEWEST = 10
-"""Least number of points for resampling."""
-
-MOST_SLACK_PX = 0.5
-"""Largest distance (1 sigma, searched pixels) of single points from a common offset that is their
-place.
-"""
 
 TURNS_DEG = (
     *sun_check.TURNS_DEG,
@@ -63,8 +59,6 @@ TURNS_DEG = (
 under any of them.
 """
 
-MOST_POINTS = 200
-"""The likeliest points of an area, which are used."""
 _CHUNK = 64
 _NEAR_PX = 6
 _SUN_PX = 3
@@ -77,8 +71,6 @@ _PASSES = 4
 _STILL = 0.1
 _LOOSEST = 0.5
 """Slack, as a share of the reach, above which a common offset has no meaning."""
-FARTHEST_PX = 64
-"""Largest reach in searched pixels, for speed; `locate` finds a coarse offset first."""
 
 
 @dataclass(frozen=True, eq=False)

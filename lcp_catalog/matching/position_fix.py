@@ -23,6 +23,7 @@ from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..errors import not_a
 from ..images.image import Image
 from ..images.image_file import open_image
+from ..landmarks.ground_votes import independent_share
 from ..landmarks.located import SIGNIFICANT, log10_false_alarms
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -32,7 +33,6 @@ from .consensus import (
     Consensus,
     agree,
     agreeing,
-    independent_share,
 )
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches, joined

@@ -30,6 +30,7 @@ from ..geometry.bounds import enclosing_bounds
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from ..images.image import Image
 from ..kernels.matching import correlation
+from ..landmarks.ground_votes import independent_votes
 from ..landmarks.located import SIGNIFICANT
 from ..landmarks.point_spread import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
@@ -100,7 +101,7 @@ def coarse_shift(
     / offsets). By chance a vote is exponential with mean 1 whatever the map looks like, and the sum
     of n votes has the tail of Gamma(n); times the number of offsets it is the number of false
     alarms (Desolneux, Moisan and Morel 2008). Points count as independent, or, if their patches
-    overlap, as ``share`` of their number (`consensus.independent_share`) with the same mean vote.
+    overlap, as ``share`` of their number (`ground_votes.independent_share`) with the same mean vote.
     """
     given = np.asarray(points, dtype=np.int64)
     suns = image.sun_directions(catalog.position_mcmf[given])
@@ -212,11 +213,6 @@ def _peak(
     total = most * (1.0 + SHARE_IF_HERE * (highest - 1.0))
     if_here = math.log10(known.sum()) + _log10_gamma_tail(most, total, share)
     return CoarseShift(offset, alarms[0], alarms[1], float(factor * (1 + slack)), most, if_here)
-
-
-def independent_votes(n: int, share: float) -> int:
-    """Number of independent votes that stand for n dependent ones: a share of them, rounded down."""
-    return max(1, math.floor(share * n))
 
 
 def _log10_gamma_tail(n: int, total: float, share: float = 1.0) -> float:

@@ -253,7 +253,7 @@ def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetect
     stated = np.isfinite(claims.covariance_m2).all(axis=(1, 2)) & ~np.isin(
         claims.cause, _NOT_CLAIMED
     )
-    some = np.flatnonzero(stated & np.isfinite(claims.detection_probability))
+    some = np.flatnonzero(stated & np.isfinite(claims.detection_probability) & points.whole)
     rows = points.rows[some]
     slope = ground_slopes(sensor, catalog.position_mcmf[rows], points.rotation[some])
     covariance = slope @ claims.covariance_m2[some] @ np.swapaxes(slope, -1, -2)

@@ -64,6 +64,7 @@ class FramePoints:
     rotation: Array  # (n, 3, 3) MCMF to each point's ENU frame
     claims: Prediction  # `cause` is a number in `CAUSES`
     factor: Index  # (n,) how many times the image is reduced for the search
+    whole: Mask  # (n,) whether the image shows the patch as a whole
 
     @property
     def counts(self) -> dict[str, int]:
@@ -120,13 +121,14 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
     for one, part in zip(seen, parts, strict=True):
         own = _part(claims, part)
         cause, usable = own.cause.copy(), np.flatnonzero(own.usable)
-        cut = ~_shown_whole(catalog, one, rotation[part], usable)
+        whole = _shown_whole(catalog, one, rotation[part])
+        cut = ~whole[usable]
         unstated = ~np.isfinite(own.covariance_m2[usable]).all(axis=(1, 2))
         cause[usable[cut]] = CAUSES.index("edge")
         cause[usable[unstated]] = CAUSES.index("not evaluated")
         own = replace(own, cause=cause)
         yield FramePoints(
-            one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own, factor[part]
+            one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own, factor[part], whole
         )
 
 
@@ -134,13 +136,11 @@ def _part(claims: Prediction, part: slice) -> Prediction:
     return Prediction(**{name: values[part] for name, values in vars(claims).items()})
 
 
-def _shown_whole(catalog: Catalog, seen: _Seen, rotation: Array, which: Index) -> Mask:
-    """True (m,) for those points in view, ``which`` (m,), whose patch has all four corners in the
-    image: claims are about such.
-    """
-    places, (east, north, _) = seen.places[which], np.moveaxis(rotation[which], 1, 0)
-    half = 0.5 * (catalog.patch_nodes - 1) * catalog.gsd[seen.rows[which], None]
-    inside = np.ones(len(which), bool)
+def _shown_whole(catalog: Catalog, seen: _Seen, rotation: Array) -> Mask:
+    """True (n,) for the points in view whose patch has all four corners in the image: claims are about such."""
+    places, (east, north, _) = seen.places, np.moveaxis(rotation, 1, 0)
+    half = 0.5 * (catalog.patch_nodes - 1) * catalog.gsd[seen.rows, None]
+    inside = np.ones(len(places), bool)
     for a, b in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
         corner = seen.frame.sensor.project(places + half * (a * east + b * north))
         inside &= seen.frame.sensor.in_image(corner)

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..approximations import SWITCHES
+from ..arrays import AnyArray, Index
 from ..catalog.schema import evaluated, usable
 from ..choices import NO_MAP
 from ..ephemeris.solar_position import highest_sun_deg
+from ..landmarks.selection import Places, select
 from ..memory import peak_mb, resident_mb
 from ..rendering.costs import WITHIN, priced
 from ..rendering.decisions import Decision
@@ -22,7 +24,8 @@ from .area_job import AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
 from .build_decisions import turned_flags
 from .executor import are_forked
-from .finished_area import record_type, table_of, units_of
+from .finished_area import free_detection, record_type, table_of, units_of
+from .planned_frames import SampledPoints, planned_frames
 from .promise import PromisedPlaces
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
 from .run import Build, Level, most_poleward
@@ -129,10 +132,10 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     ground = {k: level.jobs[k].nodes for k in order}
     share = sum(ground.values()) / sum(ground[k] for k in measured)
     candidates = share * sum(len(result.candidates) for result in results)
-    alone = [
-        len(choose(table_of(result.candidates, config), config)) * _share_among_others(level, k)
-        for k, result in zip(measured, results, strict=True)
-    ]
+    chosen = [choose(table_of(result.candidates, config), config) for result in results]
+    spacing = spacing_m(config)
+    among = [_share_among_others(level, k, spacing) for k in measured]
+    alone = [len(rows) * part for rows, part in zip(chosen, among, strict=True)]
     points = min(share * sum(alone), _promised(level))
     here = min(workers, len(level.jobs)) == 1
     before_mb = (peak_mb(), resident_mb()) if here else planned_mb
@@ -163,6 +166,21 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
         model.direction_tolerance_deg, model.precision.own_sun_deg, config.sun.elevations_deg
     )
     found["one_direction"] = {"sun_elevation": sun_deg, "flags_changed": share}
+    if config.points.located is not None:
+        apart_m = config.points.least_distance_m(config.gsd_m)
+        pools = [_apart(table_of(result.candidates, config), apart_m) for result in results]
+        among = [_share_among_others(level, k, apart_m) for k in measured]
+        samples = [
+            SampledPoints(
+                free_detection(seen)[rows], np.any(evaluated(seen.condition), axis=0), part
+            )
+            for seen, rows, part in zip(
+                (result.candidates.evaluation for result in results), pools, among, strict=True
+            )
+        ]
+        found["located_by_sun"] = planned_frames(
+            samples, sum(_ground_m2(level, k) for k in measured), _footprint_m(level), config
+        )
     if config.model.albedo_file is not None:
         found["albedo_worth"] = _albedo_worth(level, sample, results[0])
     return found
@@ -213,13 +231,37 @@ def _spread(order: list[int], middle: int) -> list[int]:
     return list(dict.fromkeys([middle, *(along[place] for place in places), order[0]]))
 
 
-def _share_among_others(level: Level, index: int) -> float:
+def _apart(table: AnyArray, distance_m: float) -> Index:
+    """Rows of candidates no two of which are closer."""
+    places = Places(table["lon_deg"], table["lat_deg"])
+    return select(places, table["worth"], table["quality"], distance_m)
+
+
+def _share_among_others(level: Level, index: int, distance_m: float) -> float:
     """Points of an area in the whole build over those of the area alone, which has more at its border:
-    no other area's points are near.
+    no other area's points are near. ``distance_m``: between points.
     """
-    spacing = EDGE_SPACINGS * level.recipe.config.points.spacing_nodes(level.recipe.gsd_m)
+    spacing = EDGE_SPACINGS * distance_m / level.recipe.gsd_m
     sides = level.jobs[index].task.window.shape
     return math.prod(side / (side + spacing) for side in sides)
+
+
+def _ground_m2(level: Level, index: int) -> float:
+    """Ground of an area, square metres."""
+    return math.prod(level.jobs[index].task.window.shape) * level.recipe.gsd_m**2
+
+
+def _footprint_m(level: Level) -> float:
+    """Diameter of the footprint of a promise, metres."""
+    return _places(level).footprint_m
+
+
+def _places(level: Level) -> PromisedPlaces:
+    config = level.recipe.config
+    conditions, demand = math.prod(conditions_at(0.0, config).shape), units_of(config).demand
+    return PromisedPlaces.of(
+        level.recipe.region, config.points, level.recipe.gsd_m, conditions, demand
+    )
 
 
 def _promised(level: Level) -> float:
@@ -227,9 +269,7 @@ def _promised(level: Level) -> float:
     points = level.recipe.config.points
     if not points.promised:
         return math.inf
-    conditions = math.prod(conditions_at(0.0, level.recipe.config).shape)
-    units, region = units_of(level.recipe.config), level.recipe.region
-    places = PromisedPlaces.of(region, points, level.recipe.gsd_m, conditions, units.demand)
+    units, region, places = units_of(level.recipe.config), level.recipe.region, _places(level)
     footprints = region.bounds_m2 / (math.pi * places.radius_m**2)
     return PROMISE_POINTS * footprints * float(places.demand.mean()) / len(units.least)
 
@@ -263,7 +303,11 @@ def _together(build: Build, levels: list[dict[str, Any]], start_s: float) -> dic
         "decisions": levels[0]["decisions"],
         "matching_cost": levels[0]["matching_cost"],
         "one_direction": levels[0]["one_direction"],
-        **{key: value for key, value in levels[0].items() if key == "albedo_worth"},
+        **{
+            key: value
+            for key, value in levels[0].items()
+            if key in ("albedo_worth", "located_by_sun")
+        },
         "levels": [{"gsd_m": m} | level for m, level in zip(cells, levels, strict=True)],
     }
 

@@ -136,7 +136,7 @@ def _worth(evaluation: Evaluation, config: BuildConfig) -> Index:
     if config.points.located is None:
         return np.asarray((evaluation.condition == USABLE).sum(axis=(1, 2, 3)))
     least = units_of(config).least
-    units = np.searchsorted(least, np.where(_free(evaluation), _detection(evaluation), 0), "right")
+    units = np.searchsorted(least, free_detection(evaluation), "right")
     return np.asarray(-(-units.sum(axis=(1, 2, 3)) // len(least)))
 
 
@@ -150,6 +150,13 @@ def counted(evaluation: Evaluation, config: BuildConfig) -> Mask:
     some = _free(evaluation) & (_detection(evaluation) >= units_of(config).least[0])
     none = ~usable.any(axis=(1, 2, 3), keepdims=True)
     return np.asarray(usable | (none & some))
+
+
+def free_detection(evaluation: Evaluation) -> Array:
+    """Detection probabilities at the patch's own scale, (n, v, e, a), as they are stored; 0 where there is none, or where terrain
+    shadows or hides the patch.
+    """
+    return np.where(_free(evaluation), _detection(evaluation), 0.0)
 
 
 def _free(evaluation: Evaluation) -> Mask:

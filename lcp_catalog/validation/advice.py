@@ -23,7 +23,7 @@ from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
-from ..matching.consensus import independent_share
+from ..landmarks.ground_votes import independent_share
 from ..matching.point_choice import evenly, patch_width_px, points_in_view, working_image
 from ..matching.point_search import Criteria, find_points
 from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix

@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..cameras.sensor import ON_MAP
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
-from ..matching.consensus import independent_share
+from ..landmarks.ground_votes import independent_share
 from ..matching.point_choice import patch_width_px
 from ..matching.position_fix import Fix
 

@@ -163,15 +163,13 @@ def test_a_camera_that_sees_other_ground(
     assert "the camera sees longitude" in capsys.readouterr().err
 
 
-def test_plan_is_five_lines(
-    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Without an albedo map four, with own Suns for all three. The decisions are shown with -v, also after the command."""
+def test_plan_is_six_lines(tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without an albedo map five, with own Suns for all four. The decisions are shown with -v, also after the command."""
     small = ["build-catalog", DEM, "--config", config, "--size", "12", "--plan"]
     small += ["--center", "3.5", "26"]
     assert run(small) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 6
     assert re.match(r"1 area x 4 Suns x 1 view, [\d,]+ cells rendered$", lines[0])
     assert re.match(r"\d+ s with --jobs 1$", lines[1])
     assert re.match(
@@ -181,8 +179,11 @@ def test_plan_is_five_lines(
     turned = r"one Sun direction an area: about 1\.2 % of the unshadowed flags at 10 deg of Sun are others "
     assert re.match(turned, lines[3])
     assert re.match(worth, lines[4])
+    assert re.match(
+        r"about how probably a frame .* is located, .*: 10 deg [\d.]+, [\d.]+; 30 deg ", lines[5]
+    )
     assert run([*small, "--albedo", "none", "--accuracy", "high"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == 3
+    assert len(capsys.readouterr().out.splitlines()) == 4
     for words in (["-v", *small], [*small, "-v"]):
         assert run(words) == 0
         assert "cast shadows" in capsys.readouterr().out

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy.special import bdtrc, gammaln
 
 from lcp_catalog.cameras.sensor import Sensor, Uncertainty
+from lcp_catalog.landmarks.ground_votes import independent_share
 from lcp_catalog.landmarks.located import GATE, SIGNIFICANT, log10_false_alarms
 from lcp_catalog.matching.consensus import (
     Consensus,
@@ -22,7 +23,6 @@ from lcp_catalog.matching.consensus import (
     _subsets,
     agree,
     agreeing,
-    independent_share,
 )
 from lcp_catalog.matching.pose import position_error
 

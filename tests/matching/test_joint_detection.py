@@ -16,13 +16,12 @@ from scipy.integrate import quad
 from scipy.stats import norm, poisson
 
 from lcp_catalog.cameras.sensor import Uncertainty
+from lcp_catalog.landmarks.ground_votes import RIVAL_Z, ground_shows
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.consensus import agree
 from lcp_catalog.matching.joint_detection import (
-    RIVAL_Z,
     JointDetection,
     at_least_found,
-    ground_shows,
     joint_detection,
 )
 from lcp_catalog.matching.position_fix import USUAL, Options

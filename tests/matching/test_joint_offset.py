@@ -16,9 +16,10 @@ from helpers.small_world import LAW, World, mirrored, overhead
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
+from lcp_catalog.landmarks.ground_votes import FEWEST
 from lcp_catalog.matching import joint_offset, position_fix
 from lcp_catalog.matching.consensus import Consensus
-from lcp_catalog.matching.joint_offset import FEWEST, SHOWS, JointOffset, find_joint_offset
+from lcp_catalog.matching.joint_offset import SHOWS, JointOffset, find_joint_offset
 from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import (
     BY_ALL_POINTS,
