@@ -82,6 +82,7 @@ def test_plan_writes_nothing_and_speaks_json(
         "bytes_estimate",
         "decisions",
         "albedo_worth",
+        "located_by_sun",
         "one_direction",
         "matching_cost",
     }
