@@ -49,15 +49,17 @@ def fill_missing(image: Float32, size: int) -> Float32:
     filled = np.where(missing, np.float32(0.0), image)
     if missing.all():
         return filled
-    known = (~missing).astype(np.float32)
+    rows, cols = np.nonzero(missing)
     total, count = (
-        cv2.boxFilter(z, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for z in (filled, known)
+        cv2.boxFilter(z, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)[
+            rows, cols
+        ]
+        for z in (filled, (~missing).astype(np.float32))
     )
     count = np.rint(count)
-    overall = filled.sum(dtype=np.float64) / known.sum(dtype=np.float64)
-    local = np.where(count > 0, total / np.maximum(count, 1.0), overall)
-    return np.where(missing, local, filled).astype(np.float32)
+    overall = filled.sum(dtype=np.float64) / (image.size - len(rows))
+    filled[rows, cols] = np.where(count > 0, total / np.maximum(count, 1.0), overall)
+    return filled
 
 
 def robust_contrast(image: Float32) -> float:

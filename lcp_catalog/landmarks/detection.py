@@ -114,8 +114,11 @@ def settling_probability(match: Registration) -> Array:
     """Probability (n,) that the fit of the place to a fraction of a pixel ends near the true peak's highest pixel, and that
     the backward search confirms it: 1 - `_LOST` (sigma - `_FIRM_PX`) for 1 sigma of the match along the major axis, in pixels.
     """
+    covariance = match.covariance_px2
+    if not np.isfinite(covariance).all():
+        covariance = np.nan_to_num(covariance, posinf=1e12)
     with np.errstate(invalid="ignore"):
-        sigma = np.sqrt(np.linalg.eigvalsh(np.nan_to_num(match.covariance_px2, posinf=1e12))[:, 1])
+        sigma = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     return np.asarray(np.clip(1.0 - _LOST * (sigma - _FIRM_PX), 0.0, 1.0))
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from ..arrays import AnyArray, Array, Bytes, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..geometry.ellipses import error_ellipses
-from ..landmarks.corners import fill_missing
+from ..landmarks.corners import Part, fill_missing
 from ..landmarks.detection import (
     LEAST_CORRELATION,
     SPREAD_NODES,
@@ -156,6 +157,10 @@ class Items:
         candidate, which, rows, cols = (part[chosen] for part in parts)
         return Items(candidate, which, rows, cols, self.half)
 
+    def from_corner(self, corner: tuple[int, int]) -> Items:
+        """The same places counted from another first row and column."""
+        return dataclasses.replace(self, rows=self.rows - corner[0], cols=self.cols - corner[1])
+
     def halved(self) -> Items:
         """The same places in images at half the resolution."""
         return dataclasses.replace(
@@ -166,8 +171,8 @@ class Items:
 @dataclass(frozen=True)
 class Patches:
     """Patches (n, p, p) in images and rendered from their own nodes alone, their mean lit level (n,),
-    and the images (k, rows, cols): radiance, and its derivatives with respect to the slopes towards east
-    and south.
+    and the images (k, rows, cols): radiance, and in a part of them that begins at ``corner`` its derivatives with respect to
+    the slopes towards east and south.
     """
 
     items: Items
@@ -175,7 +180,8 @@ class Patches:
     alone: Float32
     level: Array
     radiance: Float32
-    slopes: Float32  # (2, k, rows, cols)
+    slopes: Float32  # (2, k, some rows, some cols)
+    corner: tuple[int, int] = (0, 0)
 
     @property
     def size(self) -> int:
@@ -186,7 +192,8 @@ class Patches:
     def errors(self) -> PatchErrors:
         """The patches' sources of error."""
         east, south = self.slopes
-        return PatchErrors(self.seen, self.items.of(east), self.items.of(south))
+        own = self.items.from_corner(self.corner)
+        return PatchErrors(self.seen, own.of(east), own.of(south))
 
     def some(self, chosen: Index) -> Patches:
         """A selection of the patches."""
@@ -313,9 +320,26 @@ class _Judge:
         together = max(1, _BATCH_NODES // math.prod(sweep.planes.shape[1:]))
         ranges_m = np.where(sweep.near_views, sweep.conditions.view_ranges_m, np.inf)
         first = _first_alike(sweep.view_directions, ranges_m)
-        for images in sweep.stacks(together, tuple(np.unique(first[views]).tolist())):
+        shown = tuple(np.unique(first[views]).tolist())
+        for images in sweep.stacks(together, shown, self.part):
             self.images(images)
         self.result.share_views(views, first[views])
+
+    @cached_property
+    def part(self) -> Part:
+        """The part of images with all nodes of the patches at every scale; its first row and column are multiples of all
+        scales.
+        """
+        margin, step = self.points.half + max(self.scales), max(self.scales)
+        shape = self.light.sweep.planes.shape[1:]
+        rows, cols = (
+            slice(
+                max(0, int(at.min()) - margin) // step * step,
+                min(most, (int(at.max()) + margin) // step * step + step),
+            )
+            for at, most in zip((self.light.rows, self.light.cols), shape, strict=True)
+        )
+        return rows, cols
 
     def images(self, images: RenderedImages) -> None:
         """Write the results of some images."""
@@ -365,7 +389,8 @@ class _Judge:
             _, level = light_of(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
-                patches = Patches(items, seen, alone, level, shown, slopes)
+                corner = self.part[0].start // scale, self.part[1].start // scale
+                patches = Patches(items, seen, alone, level, shown, slopes, corner)
                 if len(good) < len(level):
                     patches = patches.some(good)
                 self._judge(slot, conditions, patches)
@@ -387,10 +412,12 @@ class _Judge:
         if not len(here):
             return here, np.zeros((0, *cast.shape[2:]), np.float32)
         shaded = items.some(here)
-        lit = np.stack([self.light.sweep.unshadowed(at) for at in map(tuple, conditions[numbers])])
+        sweep, part = self.light.sweep, self.part
+        lit = np.stack([sweep.unshadowed(at, part) for at in map(tuple, conditions[numbers])])
         place = np.zeros(len(conditions), np.int64)
         place[numbers] = np.arange(len(numbers))
-        difference = dataclasses.replace(shaded, which=place[shaded.which]).of(lit)
+        own_part = shaded.from_corner((part[0].start, part[1].start))
+        difference = dataclasses.replace(own_part, which=place[shaded.which]).of(lit)
         difference -= shaded.of(filled)
         own = cast[shaded.which, shaded.candidate] & np.isfinite(difference)
         return here, np.where(own, difference, np.float32(0.0))

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from ..cameras.view import CameraView, ParallelView, slant_range_m
 from ..choices import BOUNCES, SUN_SHAPES
 from ..ephemeris.solar_position import reachable_suns
 from ..geometry.frames import direction_enu
+from ..landmarks.corners import WHOLE, Part
 from ..light.bounced_light import (
     BOUNCE_RMS,
     SHOWS,
@@ -151,15 +153,20 @@ class RenderedImage:
 @dataclass(frozen=True)
 class RenderedImages:
     """The images of k conditions. ``conditions`` (k, 3): indices of view, elevation and azimuth;
-    ``radiance`` (k, rows, cols) as in `RenderedImage`; ``slopes`` (2, k, rows, cols): its derivatives
-    with respect to the terrain's slopes towards east and south, 0 where not visible; ``complete``: True
-    if all nodes are visible.
+    ``radiance`` (k, rows, cols) as in `RenderedImage`; ``slopes`` (2, k, some rows, some cols): its derivatives
+    with respect to the terrain's slopes towards east and south in a part of the images, 0 where not visible; ``complete``:
+    True if all nodes are visible.
     """
 
     conditions: Index
     radiance: Float32
     slopes: Float32
     complete: bool
+
+
+def _cut(raster: Any, part: Part) -> Any:
+    """A part of a raster (..., rows, cols), contiguous."""
+    return np.ascontiguousarray(raster[..., *part])
 
 
 def plan_area(
@@ -459,27 +466,27 @@ class Sweep:
             return None
         return neutral(self.brightness)
 
-    @cached_property
-    def steeper_planes(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """`planes` of the same terrain with larger slopes (`photometry.laws.steeper`)."""
-        return steeper(self.planes)
-
-    def shading(self, condition: tuple[int, int, int]) -> Shading:
-        """The function of normals and masks that gives the radiance factor of nodes in a condition
+    def shading(self, condition: tuple[int, int, int], part: Part = WHOLE) -> Shading:
+        """The function of normals and masks that gives the radiance factor of nodes of a part of the core in a condition
         (view, elevation, azimuth); arguments as in `photometry.laws.NearLight.radiance`.
         """
         view, elevation, azimuth = condition
         sun, towards = self.sun_directions[elevation, azimuth], self.towards_camera(view)
         if towards is not None:
-            return NearLight(sun, towards, self.model).radiance
+            return NearLight(sun, _cut(towards, part), self.model).radiance
         camera, model = self.view_directions[view], self.model
         return lambda planes, dark, unseen: radiance_of_nodes(
             planes, sun, camera, dark, unseen, model
         )
 
-    def unshadowed(self, condition: tuple[int, int, int]) -> NDArray[np.float32]:
-        """The image of a condition without cast shadows."""
-        return self._image(condition, np.zeros(self.planes.shape[1:], np.uint8), self.factors)
+    def unshadowed(
+        self, condition: tuple[int, int, int], part: Part = WHOLE
+    ) -> NDArray[np.float32]:
+        """A part of the image of a condition without cast shadows."""
+        planes, hidden = (_cut(values, part) for values in (self.planes, self.unseen(condition[0])))
+        dark = np.zeros(hidden.shape, np.uint8)
+        radiance = self.shading(condition, part)(planes, dark, hidden)
+        return radiance if self.factors is None else radiance * self.factors[part]
 
     @timed("reflectance", is_stage=False)
     def _image(
@@ -521,31 +528,42 @@ class Sweep:
             self._add_bounced(condition, radiance)
             yield RenderedImage(view, elevation, azimuth, radiance)
 
-    def stacks(self, most: int, views: tuple[int, ...] | None = None) -> Iterator[RenderedImages]:
-        """The `images`, at most ``most`` at a time, with their derivatives (forward differences)."""
-        wanted = self._lit(views)
+    def stacks(
+        self, most: int, views: tuple[int, ...] | None = None, part: Part = WHOLE
+    ) -> Iterator[RenderedImages]:
+        """The `images`, at most ``most`` at a time, with their derivatives (forward differences) in a part of them."""
+        wanted, planes = self._lit(views), _cut(self.planes, part)
+        steep, size = steeper(planes), planes.shape[1:]
         while some := list(islice(wanted, most)):
-            bands = np.empty((3, len(some), *self.planes.shape[1:]), np.float32)
-            complete = True
+            radiance = np.empty((len(some), *self.planes.shape[1:]), np.float32)
+            bands = np.empty((3, len(some), *size), np.float32)
             for k, (condition, dark, factors) in enumerate(some):
-                complete &= self._derived(condition, dark, factors, bands[:, k])
-                self._add_bounced(condition, bands[0, k])
+                self._derived(condition, (dark, factors), part, steep, radiance[k], bands[:, k])
+                self._add_bounced(condition, radiance[k])
+            complete = bool(np.isfinite(radiance.sum()))
             conditions = np.array([condition for condition, *_ in some])
-            yield RenderedImages(conditions, bands[0], bands[1:], complete)
+            yield RenderedImages(conditions, radiance, bands[1:], complete)
 
     @timed("reflectance", is_stage=False)
     def _derived(
         self,
         condition: tuple[int, int, int],
-        dark: NDArray[np.uint8],
-        factors: Float32 | None,
+        lit: tuple[NDArray[np.uint8], Float32 | None],
+        part: Part,
+        steep: tuple[Float32, Float32],
+        image: Float32,
         out: Float32,
-    ) -> bool:
-        """Write the image of a condition and its derivatives to ``out`` (3, rows, cols); True if all nodes are visible."""
-        shaded, hidden = self.shading(condition), self.unseen(condition[0])
-        nodes = (self.planes, *self.steeper_planes)
-        base, east, south = (shaded(planes, dark, hidden) for planes in nodes)
-        return differences(base, east, south, SLOPE_STEP, factors, out)
+    ) -> None:
+        """Write the image of a condition (rows, cols) with the shadows and factors of ``lit``, and to ``out`` (3, some rows,
+        some cols) a part of it with its derivatives, by the ``steeper`` normals of the part.
+        """
+        (dark, factors), hidden = lit, self.unseen(condition[0])
+        base = self.shading(condition)(self.planes, dark, hidden)
+        image[:] = base if factors is None else base * factors
+        masks = [_cut(mask, part) for mask in (dark, hidden)]
+        east, south = (self.shading(condition, part)(planes, *masks) for planes in steep)
+        own = None if factors is None else _cut(factors, part)
+        differences(_cut(base, part), east, south, SLOPE_STEP, own, out)
 
     def _lit(
         self, views: tuple[int, ...] | None

@@ -133,6 +133,21 @@ def test_missing_nodes_are_filled_with_what_is_around_them():
     assert fill_missing(far, 3)[19, 19] == pytest.approx(1.5)
 
 
+@pytest.mark.parametrize("size", [3, 4, 15])
+@pytest.mark.parametrize("gaps", [1, 200, 1500])
+def test_missing_nodes_have_the_mean_of_their_box(size: int, gaps: int):
+    rng = np.random.default_rng(gaps)
+    image = rng.random((50, 61)).astype(np.float32)
+    image.flat[rng.choice(image.size, gaps, replace=False)] = np.nan
+    filled = fill_missing(image, size)
+    for r, c in np.argwhere(np.isnan(image))[:: max(1, gaps // 50)]:
+        top, left = max(r - size // 2, 0), max(c - size // 2, 0)
+        box = image[top : r - size // 2 + size, left : c - size // 2 + size]
+        known = box if np.isfinite(box).any() else image
+        assert filled[r, c] == pytest.approx(np.nanmean(known, dtype=np.float64), rel=1e-6)
+    assert np.array_equal(filled[np.isfinite(image)], image[np.isfinite(image)])
+
+
 def moving_shadow(step):
     """Three bumps, and the corner of a shadow that lies elsewhere under every Sun."""
     image = bumps([(30, 30), (70, 34), (40, 74)])
