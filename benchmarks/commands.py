@@ -44,14 +44,14 @@ def ran(
     good: int = 0,
 ) -> Ran:
     """Run a command in a folder, with further environment variables, and look at its memory five times a
-    second. SystemExit with its message for another exit code than ``good``.
+    second; Python keeps compiled modules, as for users. SystemExit with its message for another exit code than ``good``.
     """
     _adopt_orphans()
     known, peaks = set(_children(os.getpid())), dict[int, float]()
     start, before = time.perf_counter(), os.times()
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
-        env=os.environ | (variables or {}),
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "", **(variables or {})},
     )  # fmt: skip
     ended = threading.Event()
 

@@ -45,7 +45,8 @@ BUDGETS = {
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
     # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)
-    "words of docs": 53185,
+    # 66 a first build on the screen, an index of 1000 catalogues (36)
+    "words of docs": 53251,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
