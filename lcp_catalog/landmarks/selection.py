@@ -318,27 +318,6 @@ def _tree(unit: Array) -> cKDTree:
     return cKDTree(unit)
 
 
-_FEW_PAIRS = 2_000_000
-"""Pairs of places whose distances take less time than the import of SciPy's search tree, 0.25 s."""
-
-_PAIRS_AT_ONCE = 100_000
-
-
-def _nearest_of_few(here: Array, there: Array) -> tuple[Array, Index]:
-    """Distance to the nearest of other places (m, 3) for each place (n, 3), and its index; the first of equally near ones."""
-    if not (np.isfinite(here).all() and np.isfinite(there).all()):
-        raise ValueError("a place is not finite")
-    chord, index = np.empty(len(here)), np.empty(len(here), np.int64)
-    step = max(1, _PAIRS_AT_ONCE // len(there))
-    for first in range(0, len(here), step):
-        some = slice(first, first + step)
-        axes = zip(here[some].T, there.T, strict=True)
-        squares = sum((own[:, None] - others) ** 2 for own, others in axes)
-        index[some] = np.argmin(squares, axis=1)
-        chord[some] = np.sqrt(np.min(squares, axis=1))
-    return chord, index
-
-
 def nearest(places: Places, others: Places) -> tuple[Index, Array]:
     """For each place the index of the nearest of the other places and the distance along the
     sphere, metres; -1 and inf if there is no other place.
@@ -348,13 +327,10 @@ def nearest(places: Places, others: Places) -> tuple[Index, Array]:
     here, there = places.unit, others.unit
     if not len(there):
         return np.full(len(here), -1, dtype=np.int64), np.full(len(here), np.inf)
-    if len(here) * len(there) <= _FEW_PAIRS:
-        chord, index = _nearest_of_few(here, there)
-    else:
-        # SciPy's own threads lose errors, and with them rows of the result
-        with ThreadPoolExecutor(thread_count()) as pool:
-            found = list(pool.map(_tree(there).query, np.array_split(here, thread_count())))
-        chord, index = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    # SciPy's own threads lose errors, and with them rows of the result
+    with ThreadPoolExecutor(thread_count()) as pool:
+        found = list(pool.map(_tree(there).query, np.array_split(here, thread_count())))
+    chord, index = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return index.astype(np.int64), 2.0 * MOON_RADIUS_M * np.arcsin(np.clip(chord / 2.0, 0.0, 1.0))
 
 

@@ -207,10 +207,7 @@ def test_an_invalid_place_has_no_id():
             stable_id(lon, lat)
 
 
-@pytest.mark.parametrize("pairs", [0, 10**6])
-def test_nearest_is_that_of_brute_force(pairs: int, monkeypatch: pytest.MonkeyPatch):
-    """By SciPy's tree, and for few pairs without."""
-    monkeypatch.setattr(selection, "_FEW_PAIRS", pairs)
+def test_nearest_is_that_of_brute_force():
     lon, lat, _ = scattered(4, 80, (359.9, 88.5))
     to_lon, to_lat, _ = scattered(5, 60, (0.5, 88.5))
     index, away = nearest(Places(lon, lat), Places(to_lon, to_lat))
@@ -230,7 +227,6 @@ def test_a_thread_without_memory_ends_the_search_for_the_nearest(monkeypatch: py
                 raise MemoryError
             return np.full(len(here), np.inf), np.zeros(len(here), int)  # as SciPy's threads do
 
-    monkeypatch.setattr(selection, "_FEW_PAIRS", 0)
     monkeypatch.setattr(selection, "_tree", lambda unit: Tree())
     monkeypatch.setattr(selection, "thread_count", lambda: 2)
     places = Places(*scattered(4, 80, (359.9, 88.5))[:2])
