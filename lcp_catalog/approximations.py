@@ -190,7 +190,7 @@ def _scales(config: Any) -> Values:
 APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "accuracy tier",
-        Figure(0.5, "%", "the nodes with a wrong shadow in `draft`; 0.02 in `standard`, 0 above", MEASURED),
+        Figure(0.5, "%", "the nodes with a wrong shadow in `draft` on lunar terrain (0.7 on white noise); 0.02 in `standard`, 0 above", MEASURED),
         "wrong shadows at no more than 0.5, 0.02, 0 and 0 % of the nodes (measured, 4fadbe6, 2026-11-21; `high` proved)",
         ("model.accuracy", "model.tolerance"), _tiers,
         effects=("cast shadows", "occlusion"),
@@ -455,7 +455,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         Figure(1.6e-5, "deg", "the direction, areas of 60 km", EXACT),
         "half the area's diagonal over 1 au (exact), stated by the scene plan: 1.6e-5 deg for 60 km",
         effects=("parallax of the Sun", "motion of the Sun"), constants=("rendering.pipeline.SUN_MOVES_DEG",),
-        unpriced="no switch: below 1e-4 deg in builds", price="none: a direction for each node would change no value of float32",
+        unpriced="no switch: 2e-4 deg in cells of 10 km", price="none: a direction for each node would change no value of float32",
     ),
     Approximation(
         "shape of the ground",
@@ -495,7 +495,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "blur of a simulated frame",
-        Figure(6.3e-5, "", "a point's light, beyond four sigmas", EXACT),
+        Figure(1.27e-4, "", "a point's light, beyond four sigmas in either direction", EXACT),
         "the Gaussian is cut off at four sigmas, and what is beyond is spread over the rest",
         constants=("simulation.detector.REACH",), unpriced="no switch: below the steps of a detector of 12 bits", price="none in builds",
     ),

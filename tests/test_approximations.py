@@ -466,7 +466,7 @@ def test_figures_of_errors_are_those_of_the_code() -> None:
         "position of the Sun": DIRECTION_ERROR_DEG,
         "inverse of a camera": INVERSE_TOLERANCE_PX,
         "shape of a patch in an image": TOLERANCE_PX,
-        "blur of a simulated frame": 2.0 * stats.norm.sf(REACH),
+        "blur of a simulated frame": 1.0 - (1.0 - 2.0 * stats.norm.sf(REACH)) ** 2,
         "steps of the flight file": 0.5 * 180.0 / ANGLE_STEPS,
         "rounding of height errors": 100.0 * (math.exp(0.5 * STEP) - 1.0),
         "one direction to the Sun from an area": math.degrees(half_m / ASTRONOMICAL_UNIT_M),

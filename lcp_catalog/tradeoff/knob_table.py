@@ -11,7 +11,7 @@ from ..plots.numbers import number
 from .charts import Row, changed_share, number_or_dash, share_text, times
 from .knobs import NEAR_CELLS
 from .measurement import Trade
-from .proposal import OTHER_GROUND, other_ground
+from .proposal import LEAST_USABLE, OTHER_GROUND, other_ground
 
 BEST = "best.toml"
 """File of the configuration to take for a budget."""
@@ -25,7 +25,7 @@ KNOBS_EXPLAINED = (
     "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
-    + ". Nor is what keeps less than half of the places and of the points."
+    + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions."
 )
 
 
@@ -85,7 +85,10 @@ def best_said(trade: Trade) -> list[str]:
     lost, gained = best["points_lost"], best["points_gained"]
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
     if best["areas"]:
-        places = f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained"
+        places = (
+            f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained, "
+            f"in all worth {best['usable_ratio']:.2f} of them (by the usable share of their conditions)"
+        )
     else:
         measured = "not measured together, for want of time (a greater time limit), but by product and sum of the rows"
     said += [
@@ -110,7 +113,7 @@ def _elsewhere(row: Row) -> list[str]:
             f"On as many other areas of such ground with these Suns {share_text(near[0])} to {share_text(near[1])} change (90 %)."
         ]
     limit = (
-        f"On other ground up to {share_text(far[1])} may change ({OTHER_GROUND:g} times as much): measure there."
+        f"On other ground up to {OTHER_GROUND:g} times as much changed where it was compared ({share_text(far[1])}): measure there."
         if far
         else "How many change on other ground this does not say: measure there."
     )

@@ -46,7 +46,7 @@ from ..production.run import Build, BuildRun, Level
 from ..production.two_passes import area_in_passes
 from ..threads import limit_threads
 from .image_errors import CONTRAST, ImageChanges, judge
-from .point_changes import joined, sigma_m
+from .point_changes import joined, sigma_m, usable_points
 
 NEAR_CELLS = 2.0
 """Cells within which two candidates are the same place: those of a point's own peak."""
@@ -393,13 +393,12 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         sigma_m(some, of)[rows] for some, of, rows in ((before, config, here), (after, own, there))
     ]
     both = (sigma[0] > 0.0) & (sigma[1] > 0.0) & np.isfinite(sigma[0]) & np.isfinite(sigma[1])
-    chosen = [
-        Places(some.lon_deg[rows], some.lat_deg[rows])
-        for some, of in ((before, config), (after, own))
-        for rows in (choose(table_of(some, of), of),)
+    points = [
+        (some, choose(table_of(some, of), of)) for some, of in ((before, config), (after, own))
     ]
+    chosen = [Places(some.lon_deg[rows], some.lat_deg[rows]) for some, rows in points]
+    worth = [usable_points(some, rows) for some, rows in points]
     lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
-    points = len(chosen[1].lon_deg) / sample.share
     areas_s, around_s = found.areas_s()
     return {
         "knob": setting.knob,
@@ -412,7 +411,7 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "build_seconds": areas_s + BESIDE_S,
         "build_interval": around_s and [one + BESIDE_S for one in around_s],
         "memory_mb": found.peak_mb,
-        "bytes": file_bytes(found.level, points),
+        "bytes": file_bytes(found.level, len(chosen[1].lon_deg) / sample.share),
         # with light by way of other ground a node in shadow is not black
         "sunlit_error_share": found.images.sunlit_error_share
         if found.images and own.model.bounce == config.model.bounce
@@ -422,6 +421,7 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "points_lost": lost,
         "points_gained": gained,
         "matched_share": len(here) / max(1, len(before)),
+        "usable_ratio": worth[1] / worth[0] if worth[0] else 1.0,
         "conditions_changed_share": share,
         "interval": _interval(by_area),
         "elsewhere": _interval(by_area, wider=math.sqrt(2.0)),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import AnyArray
+from ..arrays import AnyArray, Index
 from ..catalog.schema import evaluated, usable
 from ..landmarks.selection import Places, nearest, stable_id
 from ..production.area_job import Candidates
@@ -137,3 +137,11 @@ def _changed(
     if not judged.any():
         return None
     return float((usable(exact) != usable(ours))[judged].mean())
+
+
+def usable_points(some: Candidates, rows: Index) -> float:
+    """Sum over points of the usable share of their evaluated conditions."""
+    condition = some.evaluation.condition[rows]
+    axes = tuple(range(1, condition.ndim))
+    known = np.maximum(evaluated(condition).sum(axis=axes), 1)
+    return float((usable(condition).sum(axis=axes) / known).sum())

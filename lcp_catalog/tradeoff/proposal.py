@@ -14,34 +14,32 @@ from .knobs import Row, Setting
 SAVING = 0.03
 """Least share of the time that an alternative must save to be taken: less is noise."""
 
-_LEAST_MATCHED = 0.5
-"""Least share of the places, or of the points, that both have for an alternative to be taken: two passes evaluate few of
-the places, but nearly all that become points."""
+LEAST_USABLE = 0.95
+"""Least number of points, each weighted by the usable share of its conditions, over that of the configuration, for an
+alternative to be taken: other points are no loss where they are worth as much."""
 
-
-def _kept_points(row: Row) -> float:
-    """Share of the configuration's points that an alternative has too."""
-    own = row["points"] - row["points_gained"] + row["points_lost"]
-    return 1.0 - row["points_lost"] / own if own else 0.0
-
-
-OTHER_GROUND = 3.0
-"""How many times as many conditions as on one ground an alternative that leaves more out changes on another, at most: 31 of 31
-comparisons with the sample on six regions, three of them used for nothing else (0 to 2.9;
-docs/measurements/tiers-on-a-scene.md, 35b57c98, 2026-11-28)."""
+OTHER_GROUND, LEAST_SHARE = 3.0, 0.005
+"""How many times as many conditions as on one ground an alternative that leaves more out was found to change on another, at most
+(0 to 2.9 times in 31 comparisons with the sample on six regions, three of them used for nothing else;
+docs/measurements/tiers-on-a-scene.md, 35b57c98, 2026-11-28); and the share below which that says nothing: nearer far terrain
+changed 0.02 % of them at one place near a pole and 2.2 % at another."""
 
 
 def other_ground(row: Row) -> list[float] | None:
     """Shares of the conditions between which a configuration for a budget changes on other ground (`OTHER_GROUND`). None, as
-    that is not known, where it changes none here, or leaves less out than the user's.
+    that is not known, where it changes few here (`LEAST_SHARE`), or leaves less out than the user's.
     """
     share = row["conditions_changed_share"]
-    return None if not share or row["finer"] else [0.0, min(1.0, OTHER_GROUND * share)]
+    return (
+        None
+        if (share or 0.0) < LEAST_SHARE or row["finer"]
+        else [0.0, min(1.0, OTHER_GROUND * share)]
+    )
 
 
 def keeps_enough(row: Row) -> bool:
-    """True if an alternative has enough of the places, or of the points, of the configuration (`_LEAST_MATCHED`)."""
-    return max(float(row["matched_share"]), _kept_points(row)) >= _LEAST_MATCHED
+    """True if the points of an alternative are worth nearly as much as those of the configuration (`LEAST_USABLE`)."""
+    return float(row["usable_ratio"]) >= LEAST_USABLE
 
 
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
@@ -49,8 +47,13 @@ def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     the median of runs between those of the others, each of as many areas; their range gives the interval.
     """
     usual, usual_s = rows[0], statistics.median(baseline_s)
-    areas_s = (usual["build_seconds"] - BESIDE_S) * usual_s / usual["seconds"]
-    usual |= {"seconds": usual_s, "build_seconds": areas_s + BESIDE_S}
+    factor, around_s = usual_s / usual["seconds"], usual["build_interval"]
+    areas_s = (usual["build_seconds"] - BESIDE_S) * factor
+    usual |= {
+        "seconds": usual_s,
+        "build_seconds": areas_s + BESIDE_S,
+        "build_interval": around_s and [(one - BESIDE_S) * factor + BESIDE_S for one in around_s],
+    }
     for row in rows:
         row["seconds_relative"] = (row["build_seconds"] - BESIDE_S) / areas_s
         row["seconds_interval"] = [
@@ -108,7 +111,9 @@ def _finer_ones(
 
 
 def together_row(usual: Row, rows: Sequence[Row]) -> Row:
-    """What rows say together without a measurement: times multiply and errors add; no areas."""
+    """What rows say together without a measurement: times, bytes and what is usable multiply; errors and other points add, up
+    to all; of changes of the probability the greatest. No areas.
+    """
     time_ = math.prod(row["seconds_relative"] for row in rows)
     wrong = sum(row["conditions_changed_share"] for row in rows)
     told = {"knob": "together", "value": "; ".join(f"{r['knob']}: {r['value']}" for r in rows)}
@@ -118,7 +123,26 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
         "seconds_relative": time_,
         "build_seconds": build_s,
     }
-    return usual | told | times_ | {
+    own, rows = usual["points"], rows or [usual]
+    lost, gained = (
+        min(own, sum(row[name] for row in rows)) for name in ("points_lost", "points_gained")
+    )
+    changes_ = [
+        row["detection_change_max"] for row in rows if row["detection_change_max"] is not None
+    ]
+    estimates = {
+        "points": own - lost + gained,
+        "points_lost": lost,
+        "points_gained": gained,
+        "matched_share": min(row["matched_share"] for row in rows),
+        "usable_ratio": math.prod(row["usable_ratio"] for row in rows),
+        "detection_change_mean": None,
+        "detection_change_max": max(changes_, default=None),
+        "sigma_ratio": None,
+        "bytes": round(usual["bytes"] * math.prod(row["bytes"] / usual["bytes"] for row in rows)),
+        "memory_mb": max(row["memory_mb"] for row in rows),
+    }
+    return usual | told | times_ | estimates | {
         "default": False, "conditions_changed_share": wrong, "interval": None, "elsewhere": None,
         "build_interval": None, "areas": 0,
     }  # fmt: skip

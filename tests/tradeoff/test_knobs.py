@@ -17,7 +17,7 @@ from scipy import stats
 
 from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.catalog.promise import kept_promise
-from lcp_catalog.catalog.schema import UNSHADOWED, evaluated, usable
+from lcp_catalog.catalog.schema import EVALUATED, UNSHADOWED, USABLE, evaluated, usable
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
@@ -29,7 +29,14 @@ from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
 from lcp_catalog.tradeoff.image_errors import ModelChanges
 from lcp_catalog.tradeoff.knobs import Setting, window_shifts
 from lcp_catalog.tradeoff.measurement import Budget, Trade, measure_all
-from lcp_catalog.tradeoff.proposal import proposal, relative, require_one
+from lcp_catalog.tradeoff.point_changes import joined, usable_points
+from lcp_catalog.tradeoff.proposal import (
+    keeps_enough,
+    proposal,
+    relative,
+    require_one,
+    together_row,
+)
 
 EMPTY = Trade([], {}, None, ModelChanges())
 
@@ -269,9 +276,13 @@ def _row(relative: float, error: float) -> dict[str, Any]:
         "conditions_changed_share": error,
         "seconds_interval": [relative, relative],
         "matched_share": 1.0,
+        "usable_ratio": 1.0,
         "points": 28,
         "points_lost": 0,
         "points_gained": 0,
+        "detection_change_max": error,
+        "bytes": 1000,
+        "memory_mb": 300.0,
         "build_seconds": 100.0,
     }
 
@@ -297,11 +308,11 @@ def test_a_budget_takes_what_saves_most_for_its_error() -> None:
     assert taken(250.0, None) == taken(100.0, None) == []
     # a start that no setting shortens
     assert taken(1.0, None) == taken(BESIDE_S, None) == ["b1", "a1"]
-    # few places evaluated, nearly all points kept
-    two = _row(0.7, 0.0) | {"matched_share": 0.28, "points_lost": 3, "points_gained": 3}
+    # few places evaluated, many other points, which are worth as much
+    two = _row(0.7, 0.0) | {"matched_share": 0.28, "points_lost": 15, "points_gained": 15}
     rows.append((Setting("passes", "2", {}, True), two))
     assert taken(None, 0.0) == ["passes2"]
-    two |= {"points_lost": 15, "points_gained": 15}
+    two["usable_ratio"] = 0.9
     assert taken(None, 0.0) == []
     # what runs of the configuration itself differ by is no saving
     usual["seconds_interval"] = [0.9, 1.05]
@@ -353,13 +364,22 @@ def test_finer_settings_are_known() -> None:
 def test_times_are_over_the_median_of_runs_between(
     build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    around = [80.0 + BESIDE_S, 99.0 + BESIDE_S]
     rows = [
-        {"default": True, "seconds": 9.0, "build_seconds": 90.0 + BESIDE_S},
+        {
+            "default": True,
+            "seconds": 9.0,
+            "build_seconds": 90.0 + BESIDE_S,
+            "build_interval": around,
+        },
         {"default": False, "seconds": 11.0, "build_seconds": 110.0 + BESIDE_S},
     ]
     relative(rows, [9.0, 10.0, 12.5])
     assert rows[0]["seconds_relative"] == 1.0
     assert rows[0]["build_seconds"] == pytest.approx(100.0 + BESIDE_S)
+    assert rows[0]["build_interval"] == pytest.approx(
+        [one / 0.9 + BESIDE_S for one in (80.0, 99.0)]
+    )
     assert rows[0]["seconds_interval"] == [0.8, pytest.approx(10.0 / 9.0)]
     assert rows[1]["seconds_relative"] == 1.1
     assert rows[1]["seconds_interval"] == [0.88, pytest.approx(11.0 / 9.0)]
@@ -437,12 +457,14 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     assert said[2].startswith("On this scene, measured together on 14 areas: ")
     assert "2 % (1 % to 3 %) of the conditions changed" in said[2]
     assert "such ground with these Suns 0.5 % to 3.5 % change (90 %)" in said[3]
-    assert said[4].startswith("On other ground up to 6 % may change (3 times as much)")
+    assert said[4].startswith(
+        "On other ground up to 3 times as much changed where it was compared (6 %)"
+    )
     told = json.loads(json.dumps(some.document()))["best"]
     assert (told["elsewhere"], told["other_ground"]) == ([0.005, 0.035], [0.0, pytest.approx(0.06)])
     alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})
     assert knob_table.best_said(alone)[-1] == said[4]
-    for other in ({"finer": True}, {"conditions_changed_share": 0.0}):
+    for other in ({"finer": True}, {"conditions_changed_share": 0.004}):
         unknown = dataclasses.replace(some, best_row=row | other)
         assert unknown.document()["best"]["other_ground"] is None
         assert "other ground this does not say: measure there" in knob_table.best_said(unknown)[-1]
@@ -456,7 +478,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
 
 
 def test_what_together_keeps_too_little_is_taken_back() -> None:
-    """Two alternatives, of which each keeps most places and both together a tenth: the second is left out."""
+    """Two alternatives whose points are worth as much each, and less together: the second is left out."""
     rows = [
         (
             Setting("a", "1", {"points.rivals": 12}, True),
@@ -471,13 +493,39 @@ def test_what_together_keeps_too_little_is_taken_back() -> None:
     class Told:
         def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
             both = len(best.values) == 2
-            kept = {"matched_share": 0.1, "points_lost": 20, "points_gained": 20} if both else {}
-            return told | kept
+            return told | ({"usable_ratio": 0.9} if both else {})
 
     usual = _row(1.0, 0.0) | {"seconds": 1.0}
     best, row = measurement._best(Told(), rows, usual, Budget(error=0.05))
     assert best.value == "a: 1"
-    assert row["matched_share"] == 1.0
+    assert row["usable_ratio"] == 1.0
+
+
+def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
+    """No more points are lost than there are; what is usable multiplies, so that too little is seen without a measurement."""
+    one, two = (
+        _row(0.5, 0.01) | {"points_lost": lost, "points_gained": 12, "usable_ratio": 0.96} | named
+        for lost, named in ((20, {"knob": "a", "value": "1"}), (10, {"knob": "b", "value": "2"}))
+    )
+    told = together_row(_row(1.0, 0.0) | {"seconds": 1.0}, [one, two])
+    assert (told["points_lost"], told["points_gained"], told["points"]) == (28, 24, 24)
+    assert told["usable_ratio"] == pytest.approx(0.9216)
+    assert not keeps_enough(told)
+    assert (told["detection_change_max"], told["detection_change_mean"]) == (0.01, None)
+
+
+def test_the_worth_of_points_is_their_usable_share(found: Trade, build: Build) -> None:
+    """Counted point by point: without any dependence nothing else changes than what a shadow falls into."""
+    areas = [run_area(build.jobs[k]).candidates for k in measurement.spread(build, 2)]
+    some = joined(areas)
+    rows = np.array([0, 3, 4])
+    worth = 0.0
+    for one in some.evaluation.condition[rows]:
+        flags = [flag for flag in one.ravel() if flag & EVALUATED]
+        worth += sum(flag & USABLE == USABLE for flag in flags) / max(1, len(flags))
+    assert usable_points(some, rows) == pytest.approx(worth)
+    assert 0.0 < worth < 3.0
+    assert found.rows[0]["usable_ratio"] == 1.0
 
 
 def test_names_in_the_chart_cover_nothing() -> None:
