@@ -162,10 +162,10 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
         "matching_cost": 1.0 - sum(costs.values()),
     }
     model = config.model
-    sun_deg, share = turned_flags(
-        model.direction_tolerance_deg, model.precision.own_sun_deg, config.sun.elevations_deg
-    )
-    found["one_direction"] = {"sun_elevation": sun_deg, "flags_changed": share}
+    own_deg, suns_deg = model.precision.own_sun_deg, config.sun.elevations_deg
+    sun_deg, share = turned_flags(model.direction_tolerance_deg, own_deg, suns_deg)
+    lowest_deg = sun_deg if max(suns_deg) > own_deg else None  # None: every Sun is a point's own
+    found["one_direction"] = {"sun_elevation": lowest_deg, "flags_changed": share}
     if config.points.located is not None:
         apart_m = config.points.least_distance_m(config.gsd_m)
         pools = [_apart(table_of(result.candidates, config), apart_m) for result in results]

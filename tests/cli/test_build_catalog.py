@@ -87,6 +87,10 @@ def test_plan_writes_nothing_and_speaks_json(
         "matching_cost",
     }
     assert document["one_direction"].keys() == {"sun_elevation", "flags_changed"}
+    own = ["--accuracy", "high", "--sun-elevations", "5,10"]  # each Sun is a point's own
+    assert run(["build-catalog", DEM, "--config", config, "--plan", "--json", *own]) == 0
+    turned = json.loads(capsys.readouterr().out)["one_direction"]
+    assert turned == {"sun_elevation": None, "flags_changed": 0.0}
     assert document["areas"] >= 1
     assert document["views"] == 1
     told = {"effect", "modelled", "reason", "error_bound", "unit", "switch", "cost"}
