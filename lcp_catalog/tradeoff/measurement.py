@@ -374,6 +374,11 @@ def _between(wanted: list[Setting], own: Setting) -> list[Setting]:
     return found
 
 
+_PASSES = "points.passes"
+"""What such an alternative's points are worth is that of single areas far apart: neighbours that choose each for itself lose places
+at their borders, as a build in two passes, which chooses for the region, does not (226 of 229 points; docs/design/selection.md)."""
+
+
 def _best(
     confirmation: Confirmation,
     done: list[tuple[Setting, dict[str, Any]]],
@@ -388,7 +393,10 @@ def _best(
         taken = proposal(left if turn < _TRIES else [], first, budget.seconds, budget.error)
         rows = [row for setting, row in left if setting in taken]
         best = together(taken)
-        best_row = confirmation.row(best, together_row(first, rows))
+        told = together_row(first, rows)
+        best_row = confirmation.row(best, told)
+        if _PASSES in best.values:
+            best_row = best_row | {"usable_ratio": told["usable_ratio"]}
         if budget.error is not None:
             kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
         else:

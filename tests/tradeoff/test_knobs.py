@@ -499,6 +499,11 @@ def test_what_together_keeps_too_little_is_taken_back() -> None:
     best, row = measurement._best(Told(), rows, usual, Budget(error=0.05))
     assert best.value == "a: 1"
     assert row["usable_ratio"] == 1.0
+    # two passes choose for a region: what neighbours that choose alone are worth is not asked
+    rows[1] = (Setting("b", "1", {"points.passes": 2}, True), rows[1][1])
+    best, row = measurement._best(Told(), rows, usual, Budget(error=0.05))
+    assert best.value == "a: 1; b: 1"
+    assert row["usable_ratio"] == 1.0
 
 
 def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
