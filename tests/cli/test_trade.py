@@ -15,7 +15,7 @@ from helpers.commands import refusal
 from lcp_cli.main import run
 
 from lcp_catalog.production.estimate import BESIDE_S
-from lcp_catalog.tradeoff import measurement
+from lcp_catalog.tradeoff import measurement, proposal
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -183,6 +183,8 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     monkeypatch.setattr(
         measurement, "settings", lambda config: [one for one in every(config) if one.knob in same]
     )
+    # a coarser direction loses a tenth of the points here and would be refused; what is said of it must hold all the same
+    monkeypatch.setattr(proposal, "LEAST_USABLE", 0.8)
     toml = tmp_path / "build.toml"
     toml.write_text(E2E)
     folder = tmp_path / "trade"
@@ -199,7 +201,8 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     assert [line[2:] for line in lines if line.startswith("# ")] == document["best_said"]
 
     spent, builds = [], [tmp_path / "own.h5", tmp_path / "best.h5"]
-    for config, output in zip((toml, folder / "best.toml"), builds, strict=True):
+    first = tmp_path / "first.h5"  # loads kernels
+    for config, output in ((toml, first), *zip((toml, folder / "best.toml"), builds, strict=True)):
         begun = time.process_time()
         built = ["build-catalog", DEM, "--config", str(config), "-o", str(output)]
         assert run([*built, "--jobs", "1", "--try-cures", "0"]) == 0
@@ -207,7 +210,7 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     # without what both begin with
     said = (best["build_seconds"] - BESIDE_S) / (own["build_seconds"] - BESIDE_S)
     assert said < 0.9
-    assert spent[1] / spent[0] == pytest.approx(said, rel=0.3)
+    assert spent[2] / spent[1] == pytest.approx(said, rel=0.3)
 
     (old, known, works), (new, also, still) = (_flags(path) for path in builds)
     away_m = 1737400.0 * np.linalg.norm(old[:, None] - new, axis=2)
