@@ -42,6 +42,7 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("conditions changed", changed_share),
     ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
     ("points", lambda r: str(r["points"])),
+    ("worth of points", lambda r: number_or_dash(r["usable_ratio"], 3)),
     ("probability: mean", lambda r: number_or_dash(r["detection_change_mean"])),
     ("greatest change", lambda r: number_or_dash(r["detection_change_max"])),
     ("time, s", lambda r: f"{r['seconds']:.2f}"),
@@ -84,7 +85,9 @@ def best_said(trade: Trade) -> list[str]:
     said += [f"To take ({BEST}): {best['value']}."]
     lost, gained = best["points_lost"], best["points_gained"]
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
-    if best["areas"]:
+    if best["areas"] and best["usable_ratio"] is None:
+        places = " of places in both; points are not compared: a build in two passes chooses them for the whole region"
+    elif best["areas"]:
         places = (
             f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained, "
             f"in all worth {best['usable_ratio']:.2f} of them (by the usable share of their conditions)"

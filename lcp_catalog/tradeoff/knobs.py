@@ -421,7 +421,10 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "points_lost": lost,
         "points_gained": gained,
         "matched_share": len(here) / max(1, len(before)),
-        "usable_ratio": worth[1] / worth[0] if worth[0] else 1.0,
+        # areas that choose alone lose places at their borders, as a build in two passes, which chooses for the region, does not
+        "usable_ratio": worth[1] / max(worth[0], 1e-9)
+        if own.points.passes == config.points.passes
+        else None,
         "conditions_changed_share": share,
         "interval": _interval(by_area),
         "elsewhere": _interval(by_area, wider=math.sqrt(2.0)),

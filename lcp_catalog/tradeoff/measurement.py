@@ -374,11 +374,6 @@ def _between(wanted: list[Setting], own: Setting) -> list[Setting]:
     return found
 
 
-_PASSES = "points.passes"
-"""What such an alternative's points are worth is that of single areas far apart: neighbours that choose each for itself lose places
-at their borders, as a build in two passes, which chooses for the region, does not (226 of 229 points; docs/design/selection.md)."""
-
-
 def _best(
     confirmation: Confirmation,
     done: list[tuple[Setting, dict[str, Any]]],
@@ -395,13 +390,12 @@ def _best(
         best = together(taken)
         told = together_row(first, rows)
         best_row = confirmation.row(best, told)
-        if _PASSES in best.values:
-            best_row = best_row | {"usable_ratio": told["usable_ratio"]}
         if budget.error is not None:
             kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
         else:
             kept = not any(s.finer for s in taken) or best_row["build_seconds"] <= budget.seconds
-        if not taken or (kept and keeps_enough(best_row)):
+        judged = told if best_row["usable_ratio"] is None else best_row
+        if not taken or (kept and keeps_enough(judged)):
             break
         left = [one for one in left if one[0] != taken[-1]]
     return best, best_row | {"finer": any(one.finer for one in taken)}
