@@ -37,8 +37,9 @@ def command(catalog: str, as_json: bool, frames: int | None) -> int:
     """
     require_inputs(click.get_current_context())
     found = _described(catalog)
-    moments = [] if frames is None else _moments(catalog, found, frames)
-    if frames is not None:
+    moments: Sequence[LocatedBySun] = ()
+    if frames is not None and found["intact"]:
+        moments = _moments(catalog, found, frames)
         found["located_at_moments"] = [vars(row) for row in moments]
     echo(
         json.dumps(found, indent=2, allow_nan=False) if as_json else _text(catalog, found, moments)

@@ -65,6 +65,18 @@ def test_what_is_not_intact_exits_4(
     assert "Traceback" not in shown.out + shown.err
 
 
+def test_moments_of_what_is_no_catalogue_are_not_asked(
+    path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """The file is named as it is, not as one without a promise; a catalogue without one is refused."""
+    other = path.with_name("other.h5")
+    other.write_text("no catalogue")
+    assert run(["inspect", str(other), "--located", "3"]) == 4
+    assert "not an HDF5 file" in capsys.readouterr().out
+    assert run(["inspect", str(path), "--located", "3"]) == 2
+    assert "states no promise" in capsys.readouterr().err
+
+
 def test_an_empty_catalogue_is_intact(path: Path, capsys: pytest.CaptureFixture) -> None:
     write_catalog(catalogs.catalog(0), path, overwrite=True)
     assert run(["inspect", str(path)]) == 0
