@@ -35,6 +35,7 @@ _LIGHT = np.array([-0.5, 0.5, math.sqrt(0.5)])
 
 MAP_PX = 960.0
 _MARGIN_PX = (100.0, 14.0, 74.0, 14.0)  # left, right, bottom, top
+_HALF_LETTER_PX = 5.0  # of a label, at most
 _DISC_PX = 100.0
 _TOPS_DEG = (3.0, 6.0, 12.0, 24.0, 45.0, 90.0)
 _GRATICULE_DEG = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0)
@@ -351,7 +352,9 @@ class ReliefMap:
             if len(line):
                 lines.append(_polyline(line))
                 x, y = line[np.argmax(line[:, 1])]
-                labels.append((x, y + 26, _degrees(turned_deg(value), "E", ""), "middle"))
+                text = _degrees(turned_deg(value), "E", "")
+                most = MAP_PX - _HALF_LETTER_PX * len(text)
+                labels.append((min(x, most), y + 26, text, "middle"))
         for value in _round_degrees(lat):
             line = self._clipped(np.linspace(*lon, 241), np.full(241, value))
             if len(line):

@@ -8,7 +8,8 @@ normal for given u (patches that overlap count as fewer), and the sum that is si
 `matching.search_area.coarse_shift`.
 
 Mean and variance of the sum are sums over the points, so what a place's points add up to is known from how many of them
-have which claims (`VoteTable`). That is how a build's promise counts it; `lcp query` counts it by the same functions.
+have which claims (`VoteTable`). A plan counts so; `lcp query` by the same functions. The promise of a
+build counts points alone.
 """
 
 from __future__ import annotations

@@ -57,6 +57,15 @@ def test_a_map_puts_places_where_they_are() -> None:
     assert south > north
 
 
+def test_the_names_of_meridians_lie_within_the_map() -> None:
+    """Also that of one at the eastern edge, whose middle it would be."""
+    x = np.linspace(-60.6e3, 60.6e3, 33)  # 2 deg at the equator
+    chart = charts.ReliefMap(np.zeros((33, 33)), x, x[::-1], MapPlane("orthographic", 100.0, 0.0))
+    names = re.findall(r'<text x="([0-9.]+)"[^>]*"middle">([0-9.]+° E)<', chart.draw([], "map"))
+    assert names[-1][1] == "102° E"
+    assert all(float(at) + 5.0 * len(name) <= charts.MAP_PX for at, name in names)
+
+
 def test_histograms_count_everything() -> None:
     values = np.random.default_rng(2).normal(5.0, 2.0, 500)
     drawn = charts.distribution([*values, np.nan], "m", "h").chart
