@@ -25,7 +25,8 @@ from .warm_up import compile_missing
 if TYPE_CHECKING:
     from lcp_catalog.production.camera_views import Seen
     from lcp_catalog.production.config import BuildConfig
-    from lcp_catalog.production.run import Build, BuildReport, BuildRun, Progress
+    from lcp_catalog.production.run import Build, BuildReport, BuildRun
+    from lcp_catalog.stages import Progress
 
 EXIT_SOME_FAILED = 3
 JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))

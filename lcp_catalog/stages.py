@@ -11,6 +11,9 @@ from contextvars import ContextVar
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
+Progress = Callable[[int, int], None]
+"""Takes how many parts of a call are done, and how many there are."""
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 

@@ -368,14 +368,14 @@ class _Tried:
         self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
     ) -> Array:
         """Each point's z (k,) under the Sun with the highest median."""
-        return _highest(_z(self.under(law, rows, turns_deg)[0]))
+        return _highest(fisher_z(self.under(law, rows, turns_deg)[0]))
 
     def check(
         self, law: Reflectance, rows: Index, independent_share: float
     ) -> tuple[SunCheck, Array]:
         """The check under one law, and each point's z (k,) under the Sun with the highest median."""
         correlations, places = self.under(law, rows, (AS_STATED, *self.turns_deg))
-        z, medians = _z(correlations), np.median(correlations, axis=1)
+        z, medians = fisher_z(correlations), np.median(correlations, axis=1)
         gain = z[1:] - z[0]
         independent = max(1.0, len(rows) * independent_share)
         turn, raised = (self._vertex(gain, axis, independent) for axis in (0, 1))
@@ -443,7 +443,8 @@ def best_turn(
     return turn, float(rest.std() / -bend.mean()) / math.sqrt(independent)
 
 
-def _z(correlations: Array) -> Array:
+def fisher_z(correlations: Array) -> Array:
+    """Fisher's transform of correlations, whose spread depends little on their size; they are limited to 0.999."""
     return np.arctanh(np.clip(correlations, -0.999, 0.999))
 
 

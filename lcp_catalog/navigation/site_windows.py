@@ -4,7 +4,7 @@ one direction, or for one that stays where it is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,10 +25,9 @@ from ..ephemeris.times import Instants, Times, instants
 from ..errors import CatalogError, pair
 from ..geometry.frames import EnuFrame, direction_enu
 from ..matching.point_choice import seen_from
+from ..stages import Progress
 from .expected_position import LEAST_POINTS, Query, answers
 from .frame_points import PAIRS_AT_ONCE, PlannedImage
-
-Progress = Callable[[int, int], None]
 
 COLUMNS = (
     "time_utc", "sun_azimuth_deg", "sun_elevation_deg", "usable", "expected_points",

@@ -52,6 +52,7 @@ from ..arrays import Array
 from ..errors import MeasurementError
 from ..kernels.photometry import facet as kernel
 from ..plots.axes import Curve, Panel, polar_chart
+from ..stages import Progress
 from .facet_model import (
     ALBEDO,
     LIMITS,
@@ -253,8 +254,6 @@ def _samples(quantity: str, rows: Array) -> Iterator[IncidenceSeries]:
             values = values / math.cos(math.radians(incidence))
         yield IncidenceSeries(float(incidence), emission, azimuth, values)
 
-
-Progress = Callable[[int, int], None]
 
 WEIGHT = 2.0
 """C of the paper: a weak preference (on Saaty's scale) for smooth curves."""

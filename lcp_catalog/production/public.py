@@ -11,10 +11,11 @@ from ..catalog.comparison import CatalogOrPath
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_paths
 from ..errors import not_a
+from ..stages import Progress
 from .camera_views import Seen
 from .config import BuildConfig
 from .merging import MergeReport, merge_catalogs
-from .run import Build, BuildReport, BuildRun, Progress
+from .run import Build, BuildReport, BuildRun
 
 
 def planned_build(

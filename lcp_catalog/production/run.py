@@ -14,7 +14,7 @@ from __future__ import annotations
 import logging
 import tempfile
 import time
-from collections.abc import Callable, Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -31,6 +31,7 @@ from ..dem.plausibility import warn_of_doubts
 from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, OutputExistsError, SunError
 from ..photometry.facet_model import law_file
+from ..stages import Progress
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, warn_of_region
 from ..threads import limit_threads
@@ -57,8 +58,6 @@ log = logging.getLogger(__name__)
 
 _READ_BYTES_S, _READ_SHARE = 3e8, 0.05
 """Rate at which a file is read for its sum, and the most that this may take of the time that a part has spent."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

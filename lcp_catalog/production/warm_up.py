@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -17,12 +17,11 @@ from ..errors import ConfigError, OutputError
 from ..kernels.cpu_level import LEVELS
 from ..kernels.cpu_level import level as own_level
 from ..kernels.entries import Entry, entries
+from ..stages import Progress
 from ..threads import thread_limit
 from .executor import children_start, processes
 
 log = logging.getLogger(__name__)
-
-Progress = Callable[[int, int], None]
 
 _PROCESSES = 8
 """Most processes that compile: each takes half a gigabyte."""

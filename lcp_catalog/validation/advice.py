@@ -28,6 +28,7 @@ from ..matching.point_choice import evenly, patch_width_px, points_in_view, work
 from ..matching.point_search import Criteria, find_points
 from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from ..matching.search_area import perhaps_in_view
+from ..matching.sun_check import fisher_z
 from ..photometry.laws import Reflectance
 from .ground_comparison import WindowComparison
 
@@ -110,7 +111,7 @@ def check_encoding(
         return np.nan_to_num(found.correlation)
 
     linear, srgb = (correlations(image) for image in images)
-    gain = _z(srgb) - _z(linear)
+    gain = fisher_z(srgb) - fisher_z(linear)
     width_px = patch_width_px(catalog, sensor, rows)
     independent = len(rows) * independent_share(matches.found_px[chosen], width_px)
     error = float(gain.std() / np.sqrt(independent))
@@ -122,10 +123,6 @@ def check_encoding(
         share=float((srgb > linear).mean()),
         sigmas=float(gain.mean()) / error if error > 0.0 else 0.0,
     )
-
-
-def _z(correlations: Array) -> Array:
-    return np.arctanh(np.clip(correlations, -0.999, 0.999))
 
 
 FEWEST = 10

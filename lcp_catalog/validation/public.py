@@ -21,11 +21,12 @@ from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
+from ..stages import Progress
 from .ground_comparison import (
     WindowChoice,
 )
 from .output import FILES, write_validation
-from .run import ImageFiles, Progress, Result, Validation, run_validation
+from .run import ImageFiles, Result, Validation, run_validation
 
 
 def validate(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -53,6 +53,7 @@ from ..navigation.frame_points import PlannedImage
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
+from ..stages import Progress
 from .advice import (
     EncodingCheck,
     advised,
@@ -79,8 +80,6 @@ from .result import (
     ValidationResult,
     WindowFigures,
 )
-
-Progress = Callable[[int, int], None]
 
 log = logging.getLogger(__name__)
 
