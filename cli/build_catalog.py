@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from lcp_catalog.stages import Progress, unseen
+
 from .build_options import OPTIONS, PartParam, build_options
 from .files import FileCommand, InputFile
 from .groups import collected
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
     from lcp_catalog.production.camera_views import Seen
     from lcp_catalog.production.config import BuildConfig
     from lcp_catalog.production.run import Build, BuildReport, BuildRun
-    from lcp_catalog.stages import Progress
 
 EXIT_SOME_FAILED = 3
 JOBS_MAX = max(64, 4 * (os.cpu_count() or 1))
@@ -346,9 +347,7 @@ def _computing(run: Run) -> Iterator[Callable[[int, int], None]]:
         raise
 
 
-def _run(
-    planned: Planned, output: str, run: Run, progress: Progress = lambda done, total: None
-) -> BuildRun:
+def _run(planned: Planned, output: str, run: Run, progress: Progress = unseen) -> BuildRun:
     """The build as it is carried out."""
     from lcp_catalog.production.run import BuildRun
 

@@ -14,6 +14,11 @@ from typing import ParamSpec, TypeVar
 Progress = Callable[[int, int], None]
 """Takes how many parts of a call are done, and how many there are."""
 
+
+def unseen(done: int, total: int) -> None:
+    """Nobody watches."""
+
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 

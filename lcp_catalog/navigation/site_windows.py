@@ -25,7 +25,7 @@ from ..ephemeris.times import Instants, Times, instants
 from ..errors import CatalogError, pair
 from ..geometry.frames import EnuFrame, direction_enu
 from ..matching.point_choice import seen_from
-from ..stages import Progress
+from ..stages import Progress, unseen
 from .expected_position import LEAST_POINTS, Query, answers
 from .frame_points import PAIRS_AT_ONCE, PlannedImage
 
@@ -158,7 +158,7 @@ class SiteWindows:
 
 
 def site_windows(
-    catalog: Catalog, site: Site, times: Instants, progress: Progress | None = None
+    catalog: Catalog, site: Site, times: Instants, progress: Progress = unseen
 ) -> SiteWindows:
     """Usable points of a site at instants. CatalogError for a site without points."""
     catalog = site.part(catalog)
@@ -178,8 +178,7 @@ def site_windows(
         usable[part] = np.bincount(when[found.usable], minlength=len(sun))
         weight = found.detection_probability[found.usable]
         expected[part] = np.bincount(when[found.usable], weight, minlength=len(sun))
-        if progress:
-            progress(min(start + step, len(times)), len(times))
+        progress(min(start + step, len(times)), len(times))
     return SiteWindows(times, _sun_at(site.frame, times), len(rows), usable, expected)
 
 
@@ -188,7 +187,7 @@ def camera_windows(
     frame: EnuFrame,
     sensor: Sensor,
     times: Instants,
-    progress: Progress | None = None,
+    progress: Progress = unseen,
 ) -> SiteWindows:
     """Usable points of a camera that does not move, and the expected accuracy of its position, at
     instants; the Sun's angles are those at the place of ``frame``. Errors as `answers`.
@@ -204,8 +203,7 @@ def camera_windows(
         points, located[k] = answer.counts["in_view"], answer.joint.located
         if answer.position.position_sigma_m is not None:
             sigma[k] = answer.position.position_sigma_m
-        if progress:
-            progress(k + 1, len(times))
+        progress(k + 1, len(times))
     return SiteWindows(times, _sun_at(frame, times), points, usable, expected, sigma, located)
 
 
@@ -272,6 +270,6 @@ def windows(
     place, when = EnuFrame(lon_deg, lat_deg), instants(times)
     opened = opened_catalog(catalog, check=False)
     if camera is not None:
-        return camera_windows(opened, place, any_sensor(camera), when, progress)
+        return camera_windows(opened, place, any_sensor(camera), when, progress or unseen)
     site = Site(place, 1e3 * size_km, gsd_m, off_nadir_deg, view_azimuth_deg)
-    return site_windows(opened, site, when, progress)
+    return site_windows(opened, site, when, progress or unseen)

@@ -52,7 +52,7 @@ from ..arrays import Array
 from ..errors import MeasurementError
 from ..kernels.photometry import facet as kernel
 from ..plots.axes import Curve, Panel, polar_chart
-from ..stages import Progress
+from ..stages import Progress, unseen
 from .facet_model import (
     ALBEDO,
     LIMITS,
@@ -359,7 +359,7 @@ def fit_reflectance(
     total. MeasurementError if an incidence has no measurement around its specular direction.
     """
     optics, shadowing = optics or Optics(), Shadowing()
-    report = progress or (lambda done, total: None)
+    report = progress or unseen
     taken = tuple(s.scaled() for s in measurements.samples) if normalize else measurements.samples
     task = _FitTask(taken, constants(optics, shadowing))
     total = len(taken) + _SWEEPS * len(PARAMETERS)

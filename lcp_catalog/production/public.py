@@ -11,7 +11,7 @@ from ..catalog.comparison import CatalogOrPath
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_paths
 from ..errors import not_a
-from ..stages import Progress
+from ..stages import Progress, unseen
 from .camera_views import Seen
 from .config import BuildConfig
 from .merging import MergeReport, merge_catalogs
@@ -64,7 +64,7 @@ def build_catalog(
     overwrite: bool = False,
     keep_going: bool = False,
     try_cures_s: float | None = 0.0,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = unseen,
 ) -> BuildReport:
     """Build a catalogue of control points from DEM files.
 

@@ -31,7 +31,7 @@ from ..dem.plausibility import warn_of_doubts
 from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, OutputExistsError, SunError
 from ..photometry.facet_model import law_file
-from ..stages import Progress
+from ..stages import Progress, unseen
 from ..terrain.area import Area
 from ..terrain.useful_cell import Cell, warn_of_region
 from ..threads import limit_threads
@@ -243,7 +243,7 @@ class BuildRun:
     resume: bool = False
     overwrite: bool = False
     keep_going: bool = False
-    progress: Progress = lambda done, total: None
+    progress: Progress = unseen
     advises: bool = True
     """False: no warning about a catalogue that is poor."""
     try_cures_s: float | None = 0.0

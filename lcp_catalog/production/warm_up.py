@@ -17,7 +17,7 @@ from ..errors import ConfigError, OutputError
 from ..kernels.cpu_level import LEVELS
 from ..kernels.cpu_level import level as own_level
 from ..kernels.entries import Entry, entries
-from ..stages import Progress
+from ..stages import Progress, unseen
 from ..threads import thread_limit
 from .executor import children_start, processes
 
@@ -35,7 +35,7 @@ def missing(command: str) -> list[Entry]:
 
 
 def compile_kernels(
-    found: Sequence[Entry], progress: Progress = lambda done, total: None, level: str | None = None
+    found: Sequence[Entry], progress: Progress = unseen, level: str | None = None
 ) -> list[Path]:
     """Load or compile kernels, for a level or for this machine. Their files: those that fail, or that no folder takes,
     are left out, and compiled when they are called.
@@ -73,7 +73,7 @@ def _for_level(level: str | None) -> Iterator[None]:
 def warm_up(
     level: str | None = None,
     output: Path | str | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = unseen,
 ) -> list[Path]:
     """Compile all kernels that the commands call on the sample, so that no first use waits for them.
 

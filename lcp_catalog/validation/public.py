@@ -21,7 +21,7 @@ from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
-from ..stages import Progress
+from ..stages import Progress, unseen
 from .ground_comparison import (
     WindowChoice,
 )
@@ -156,7 +156,7 @@ def validate(
             disc=disc,
             bounce=bounce,
         ),
-        progress,
+        progress or unseen,
     )
     if folder is not None:
         write_validation(result, folder, overwrite)

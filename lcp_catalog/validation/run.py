@@ -53,7 +53,7 @@ from ..navigation.frame_points import PlannedImage
 from ..photometry.albedo_map import AlbedoMap
 from ..photometry.laws import Reflectance, reflectance_model
 from ..plots.pictures import PIXELS_MAX
-from ..stages import Progress
+from ..stages import Progress, unseen
 from .advice import (
     EncodingCheck,
     advised,
@@ -199,7 +199,7 @@ class Result:
         return all(image.located.verdict == LOCATED for image in self.verdict.images)
 
 
-def run_validation(request: Validation, progress: Progress | None = None) -> Result:
+def run_validation(request: Validation, progress: Progress = unseen) -> Result:
     """Validate a catalogue with every image in turn.
 
     Raises the library's errors for a catalogue or DEM that cannot be read, for missing files, and
@@ -216,8 +216,7 @@ def run_validation(request: Validation, progress: Progress | None = None) -> Res
     for done, (files, name) in enumerate(
         zip(request.files, told_apart(request.files), strict=True)
     ):
-        if progress:
-            progress(done, len(request.files))
+        progress(done, len(request.files))
         try:
             image = _opened(request, files)
         except (ImageError, CameraError, SunError) as error:
@@ -227,8 +226,7 @@ def run_validation(request: Validation, progress: Progress | None = None) -> Res
             done_with.append(_one(request, catalog, files, image, name))
     if len(refused) == len(request.files):
         raise refused[0]
-    if progress:
-        progress(len(request.files), len(request.files))
+    progress(len(request.files), len(request.files))
     facts = {"name": request.catalog_path.name, "points": len(catalog), "title": catalog.title}
     verdict = ValidationResult(tuple(one.image for one in done_with), facts, request.described())
     sources = [request.catalog_path, *(path for one in done_with for path in one.sources)]
