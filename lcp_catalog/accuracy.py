@@ -74,7 +74,7 @@ class Accuracy:
     """True if places that resemble a patch are sought at full resolution everywhere; else at half
     resolution first, and again where the detection probability is near its limit (`production.evaluation`).
     Probabilities away from the limit can then be too high: in four areas 0 to 4 % of them by more than 0.05
-    (docs/explanation/scale.md)."""
+    (docs/measurements/speed.md)."""
 
     own_sun_deg: float
     """Elevations of the Sun up to which a build judges a point that shadows from outside nearly disturb too much under its own

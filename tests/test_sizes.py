@@ -49,7 +49,7 @@ BUDGETS = {
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)
     # 66 a first build on the screen, an index of 1000 catalogues, the belt by stage (36)
     # 8050 went: tables of settled studies, histories, a transcript, what two pages or the help said (33)
-    "words of docs": 44911,
+    "words of docs": 44931,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
