@@ -83,14 +83,13 @@ def warn_of_doubts(dems: DemSet, box: Bounds, side: int = 256) -> None:
                 log.warning("%s: %s", dem.path, text)
 
 
-def warn_of_all_heights(found: HeightStatistics) -> None:
-    """The same by all pixels of a file."""
-    dem, low, high = found.dem, found.min_m, found.max_m
-    pixels = dem.grid.width * dem.grid.height
-    known = pixels - int(found.missing.sum())
+def warn_of_all_heights(dem: Dem, found: HeightStatistics | None) -> None:
+    """The same by all pixels of a file; without them (None) by its size alone."""
     texts = [dem.too_small] if dem.too_small else []
-    if low is not None and high is not None and not texts:
-        texts = list(doubts(dem, low, high, pixels, known, found.stuck))
+    if found and found.min_m is not None and found.max_m is not None and not texts:
+        pixels = dem.grid.width * dem.grid.height
+        known = pixels - int(found.missing.sum())
+        texts = list(doubts(dem, found.min_m, found.max_m, pixels, known, found.stuck))
     for text in texts:
         log.warning("%s: %s", dem.path, text)
 

@@ -129,8 +129,8 @@ def dem_info(
     dems = dem_set(dem, product_order)
     covered = set_coverage(dems)
     heights = None if quick else tuple(height_statistics(one) for one in dems.dems)
-    for one in heights or ():
-        warn_of_all_heights(one)
+    for number, one in enumerate(dems.dems):
+        warn_of_all_heights(one, heights[number] if heights else None)
     differing = None if quick else set_disagreements(dems, covered)
     paths = dem_paths(dem if not isinstance(dem, DemSet) else dems)
     names = [str(path) for path in paths]

@@ -158,9 +158,8 @@ def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
     useful one.
 
     Cells that no DEM of the region resolves are left out with a warning if they were derived from
-    altitudes; AreaError for a given one, and if none is left; DemError for DEMs without a surface.
+    altitudes; AreaError for a given one, and if none is left.
     """
-    dems.require_surface()
     area = config.area
     if area.gsd_m:
         _require_coarse(area.gsd_m, dems, region)

@@ -113,7 +113,7 @@ class Build:
         seen: Seen | None = None,
     ) -> Build:
         """Cut the region into areas, for each level of a configuration with several. AreaError if the
-        region has none, or for a level that no DEM resolves.
+        region has none, or for a level that no DEM resolves; DemError for DEMs without a surface.
 
         seen: what the images see that the catalogue is for; it gives the views, and what the configuration leaves
         open (`camera_views.for_images`).
@@ -123,6 +123,7 @@ class Build:
         """
         inputs = InputFiles()
         dems = DemSet.open(dem_paths, config.dem.product_order)
+        dems.require_surface()
         inputs.add(dems.files)
         if seen is not None:
             config = for_images(config, seen, dems)

@@ -227,6 +227,7 @@ def test_each_command_says_that_a_dem_is_too_small(
     for args, code in (
         (["dem", "check", str(path)], 4),
         (["dem", "info", str(path)], 0),
+        (["dem", "info", "--quick", "--json", str(path)], 0),
         (["render", str(path), "-o", f"{out}.tif", *SUN], 1),
         (["build-catalog", str(path), "-o", f"{out}.h5"], 1),
     ):
