@@ -10,8 +10,9 @@ determined by the tables alone, so an interrupted build goes on with what is the
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +20,12 @@ from ..arrays import AnyArray, Bytes, Index, Mask
 from ..catalog.schema import Cause
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE
 from ..rendering.plan import ScenePlan
-from .area_job import FIRST, SITE, AreaJob, AreaResult, run_area
+from .area_job import FIRST, SITE, AreaJob, AreaResult
 from .assembly import choose
 from .checkpoints import Checkpoints, StoredArea, lost_area
 from .config import BuildConfig
 from .finished_area import UNIT, FinishedArea, finished_area, record_type
-from .kept_ground import KEPT_AREAS, KeptGrounds
+from .kept_ground import KEPT_AREAS, KEPT_MB, KeptGrounds
 from .promise import PromiseChoice
 from .recipe import Recipe
 
@@ -105,18 +106,46 @@ def _stored(checkpoints: Checkpoints, name: str) -> StoredArea:
     return found
 
 
-def area_in_passes(job: AreaJob) -> AreaResult:
-    """An area alone in two passes, without replacements: the result of its chosen candidates."""
-    config = job.recipe.config
-    result = run_area(replace(job, step=FIRST, keeps=True))
-    look = finished_area(result, config, first_look=True)
-    choice = PromiseChoice.of(job.recipe.region, config)
-    if choice and look.stages is not None:
-        choice.see(look.table, look.stages)
-    rows = choice.rows(look.table, None) if choice else choose(look.table, config)
-    assert result.candidates.sites is not None
-    sites = result.candidates.sites[np.sort(rows)]
-    return run_area(replace(job, step=ROUNDS[0], sites=sites, ground=result.ground))
+def areas_in_passes(
+    jobs: Sequence[AreaJob], areas: int, run: Callable[[int, AreaJob], AreaResult]
+) -> None:
+    """Some areas in two passes, in memory: the choice is among the candidates of all of them, as in a build of these alone.
+    ``run``: computes a job of the area with a number, first looks and then rounds; ``areas``: of the whole build, of whose kept
+    grounds these have their share.
+    """
+    recipe, grounds = jobs[0].recipe, KeptGrounds(KEPT_MB * len(jobs) / areas)
+    known, sites = [], []
+    for k, job in enumerate(jobs):
+        look = run(k, replace(job, step=FIRST, keeps=areas <= KEPT_AREAS))
+        known.append(_Known.of(finished_area(look, recipe.config, first_look=True)))
+        assert look.candidates.sites is not None
+        sites.append(look.candidates.sites)
+        grounds.keep(job.task.name, look.ground or b"")
+    for step in ROUNDS:
+        for k, rows in enumerate(_chosen_next(recipe, known)):
+            if len(rows):
+                ground = grounds.of(jobs[k].task.name) or None
+                job = replace(jobs[k], step=step, sites=sites[k][rows], ground=ground)
+                known[k].learn(rows, finished_area(run(k, job), recipe.config))
+
+
+def _chosen_next(recipe: Recipe, areas: Iterable[_Known]) -> list[Index]:
+    """The candidates of each area that are chosen by what is known of all, and are not evaluated: their rows."""
+    config = recipe.config
+    choice = PromiseChoice.of(recipe.region, config)
+    tables, evaluated = [], []
+    for area in areas:
+        tables.append(area.table)
+        evaluated.append(area.evaluated)
+        if choice:
+            choice.see(area.table, area.stages)
+    table, done = np.concatenate(tables), np.concatenate(evaluated)
+    most = config.points.max_points
+    rows = choice.rows(table, most) if choice else _chosen_after(table, done, config)
+    rows = np.sort(rows[~done[rows]])
+    ends = np.cumsum([len(one) for one in tables])
+    each = np.split(rows, np.searchsorted(rows, ends[:-1]))
+    return [own - (end - len(one)) for own, end, one in zip(each, ends, tables, strict=True)]
 
 
 @dataclass
@@ -130,26 +159,8 @@ class _SecondPass:
 
     def wanted(self) -> dict[str, Index]:
         """The candidates that are chosen by what is known of all, and are not evaluated: their rows, by area."""
-        config = self.recipe.config
-        choice = PromiseChoice.of(self.recipe.region, config)
-        tables, evaluated = [], []
-        for job in self.jobs:
-            area = self._known(job.task.name)
-            tables.append(area.table)
-            evaluated.append(area.evaluated)
-            if choice:
-                choice.see(area.table, area.stages)
-        table, done = np.concatenate(tables), np.concatenate(evaluated)
-        most = config.points.max_points
-        rows = choice.rows(table, most) if choice else _chosen_after(table, done, config)
-        rows = np.sort(rows[~done[rows]])
-        ends = np.cumsum([len(one) for one in tables])
-        area_of = np.searchsorted(ends, rows, side="right")
-        found = {}
-        for k in np.unique(area_of).tolist():
-            own = rows[area_of == k]
-            found[self.jobs[k].task.name] = own - (ends[k] - len(tables[k]))
-        return found
+        rows = _chosen_next(self.recipe, (self._known(job.task.name) for job in self.jobs))
+        return {job.task.name: own for job, own in zip(self.jobs, rows, strict=True) if len(own)}
 
     def jobs_of(self, wanted: dict[str, Index], step: str) -> list[AreaJob]:
         """The jobs that evaluate the wanted candidates."""
@@ -212,14 +223,11 @@ class _SecondPass:
     def _known(self, name: str) -> _Known:
         """What the first pass, or else a round of the second, knows of an area."""
         first = _stored(self.checkpoints, name + FIRST)
-        table, stages = first.table, first.stages.copy()
-        evaluated = np.zeros(len(table), np.bool_)
+        known = _Known.of(first)
         for step, wanted in self.rounds:
             if name in wanted:
-                own, rows = _stored(self.checkpoints, name + step), wanted[name]
-                table[rows], stages[rows] = own.table, own.stages
-                evaluated[rows] = True
-        return _Known(table, stages, evaluated, first.plan)
+                known.learn(wanted[name], _stored(self.checkpoints, name + step))
+        return known
 
 
 @dataclass(frozen=True)
@@ -229,7 +237,20 @@ class _Known:
     table: AnyArray
     stages: Bytes
     evaluated: Mask
-    plan: str
+    plan: Any
+
+    @classmethod
+    def of(cls, first: StoredArea | FinishedArea) -> _Known:
+        """What a first look knows."""
+        count = len(first.table)
+        stages = np.zeros((count, 0), np.uint8) if first.stages is None else first.stages.copy()
+        return cls(first.table, stages, np.zeros(count, np.bool_), first.plan)
+
+    def learn(self, rows: Index, own: StoredArea | FinishedArea) -> None:
+        """Note what a round has found of rows."""
+        self.table[rows], self.evaluated[rows] = own.table, True
+        if own.stages is not None:
+            self.stages[rows] = own.stages
 
 
 def _not_evaluated(stages: Bytes, settled: bool) -> Bytes:

@@ -35,7 +35,9 @@ def changed_share(row: Row) -> str:
     share = share_text(row["conditions_changed_share"])
     around = row["interval"]
     return (
-        share if around is None else f"{share} ({share_text(around[0])} to {share_text(around[1])})"
+        share
+        if around is None
+        else f"{share} ({share_text(around[0]).removesuffix(' %')} to {share_text(around[1])})"
     )
 
 
@@ -159,47 +161,57 @@ def _percent(power: int) -> str:
     return f"{100.0 * 10.0**power:.{max(0, -2 - power)}f} %"
 
 
-def knobs_chart(rows: list[Row]) -> Markup:
-    """Plot of the changed conditions of every row over its time, with the Pareto front."""
+def knobs_chart(rows: list[Row], best: Row | None = None) -> Markup:
+    """Plot of the changed conditions of every row over its time, with the Pareto front; the first row is the user's
+    configuration, ``best`` the one to take, if that is another.
+    """
     some = [r for r in rows if r["conditions_changed_share"] is not None]
     if not some:  # areas without candidates
         return Markup()
-    low, high = _time_limits([r["seconds_relative"] for r in some])
-    decades = _decades([s for r in some if (s := r["conditions_changed_share"]) > 0.0])
+    taken = [best] if best and best["value"] else []
+    low, high = _time_limits([r["seconds_relative"] for r in some + taken])
+    decades = _decades(
+        [s for r in some + taken if (s := r["conditions_changed_share"] or 0.0) > 0.0]
+    )
     powers = range(decades[0], decades[1] + 1)
     ticks = [(_drawn(0.0, decades), "0"), *((10.0**k, _percent(k)) for k in powers)]
     axes = Axes(
         Axis(low, high, _time_ticks(low, high), "processor time relative to your configuration", log=True, grid=True),
         Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
-        width=_WIDE_PX, height=460.0, left=_LEFT_PX, right=190.0, top=18.0, bottom=64.0,
+        width=_WIDE_PX, height=460.0, left=_LEFT_PX, right=24.0, top=18.0, bottom=64.0,
     )  # fmt: skip
-    best = front(
-        [row for row in some if _differs(row)], "seconds_relative", "conditions_changed_share"
+
+    def place(row: Row) -> tuple[float, float]:
+        share = _drawn(row["conditions_changed_share"] or 0.0, decades)
+        x, y = axes.at([row["seconds_relative"]], [share])
+        return float(x[0]), float(y[0])
+
+    unbeaten = front(
+        [r for r in some if _differs(r)], "seconds_relative", "conditions_changed_share"
     )
-    at = [
-        axes.at([r["seconds_relative"]], [_drawn(r["conditions_changed_share"], decades)])
-        for r in some
-    ]
     line = axes.line(
-        [r["seconds_relative"] for r in best],
-        [_drawn(r["conditions_changed_share"], decades) for r in best],
+        [r["seconds_relative"] for r in unbeaten],
+        [_drawn(r["conditions_changed_share"], decades) for r in unbeaten],
         "front",
     )
-    marked = [(float(x[0]), float(y[0])) for x, y in at]
-    names = _names(
-        [(_name(r), xy) for r, xy in zip(some, marked, strict=True) if r in best], marked
-    )
-    marks = [
-        Markup(
-            "<circle class='whole' cx='{:.1f}' cy='{:.1f}' r='4'><title>{}</title></circle>"
-        ).format(
-            x[0], y[0], f"{_name(row)}: {times(row['seconds_relative'])}, {changed_share(row)}"
-        )
-        for row, (x, y) in zip(some, at, strict=True)
-    ]
+    named = [r for r in some if not r["knob"]] + taken
+    named += [r for r in unbeaten if r["knob"]]
+    names = _names([(_name(r), place(r)) for r in named], [place(r) for r in some + taken])
+    marks = [_mark(row, place(row)) for row in sorted(some, key=lambda r: not r["knob"]) + taken]
     return axes.draw(
         Markup().join([line, *names, *marks]), "changed conditions over time", css="pareto"
     )
+
+
+_MARKS = {"": ("own", 7.0, "your configuration"), "together": ("taken", 7.0, "to take")}
+"""Class, radius in units of the chart, and name of the marks that are no alternative, by their ``knob``."""
+
+
+def _mark(row: Row, at: tuple[float, float]) -> Markup:
+    css, radius, _ = _MARKS.get(row["knob"], ("whole", _MARK_PX, ""))
+    told = f"{_name(row)}: {times(row['seconds_relative'])}, {changed_share(row)}"
+    form = "<circle class='{}' cx='{:.1f}' cy='{:.1f}' r='{:g}'><title>{}</title></circle>"
+    return Markup(form).format(css, *at, radius, told)
 
 
 _WIDE_PX, _LEFT_PX = 820.0, 92.0
@@ -207,6 +219,9 @@ _WIDE_PX, _LEFT_PX = 820.0, 92.0
 
 _LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 12.0, 4.0
 """Greatest mean width of a letter of a name, its height, and the radius of a mark, in units of the chart."""
+
+_BESIDE_PX = 10.0
+"""From the middle of a mark to its name."""
 
 _AWAY_PX = 0.0, -11.0, 11.0, -22.0, 22.0, -33.0, 33.0
 """Heights beside a mark at which there may be place for its name."""
@@ -223,7 +238,7 @@ def _names(
     for name, (x, y) in named:
         width = _LETTER_PX * len(name)
         for away, side in ((away, side) for away in _AWAY_PX for side in (1.0, -1.0)):
-            near, far = x + 7.0 * side, x + (7.0 + width) * side
+            near, far = x + _BESIDE_PX * side, x + (_BESIDE_PX + width) * side
             middle = y + away
             box = (min(near, far), middle - 0.5 * _LINE_PX, max(near, far), middle + 0.5 * _LINE_PX)
             if (
@@ -251,4 +266,5 @@ def _differs(row: Row) -> bool:
 
 
 def _name(row: Row) -> str:
-    return f"{row['knob']}: {row['value']}" if row["knob"] else "your configuration"
+    own = _MARKS.get(row["knob"])
+    return own[2] if own else f"{row['knob']}: {row['value']}"

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from ..approximations import APPROXIMATIONS
 from ..plots.numbers import number
 from .charts import Row, changed_share, number_or_dash, share_text, times
-from .knobs import NEAR_CELLS
+from .knob_rows import NEAR_CELLS
 from .measurement import Trade
 from .proposal import LEAST_USABLE, OTHER_GROUND, other_ground
 
@@ -18,6 +18,10 @@ BEST = "best.toml"
 
 KNOBS_HEADING = "Every approximation"
 
+NOT_COMPARED = (
+    "points are not compared: two passes evaluate what a promise takes of the whole region"
+)
+
 KNOBS_EXPLAINED = (
     "One alternative at a time around the configuration, computed on the same areas; time is processor time, by the work of all areas of the build, over the median of runs of the "
     "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference. Candidates within "
@@ -25,7 +29,8 @@ KNOBS_EXPLAINED = (
     "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
-    + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions."
+    + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
+    f" (worth; a dash: {NOT_COMPARED}, for `--areas all` tells the promise)."
 )
 
 
@@ -37,7 +42,10 @@ def _time(row: Row) -> str:
 
 KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("approximation", lambda r: r["knob"] or "your configuration"),
-    ("value", lambda r: r["value"]),
+    (
+        "value (yours)",
+        lambda r: f"{r['value']} ({r['configured']})" if r["configured"] else r["value"],
+    ),
     ("time, relative", _time),
     ("conditions changed", changed_share),
     ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
@@ -45,7 +53,6 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("worth of points", lambda r: number_or_dash(r["usable_ratio"], 3)),
     ("probability: mean", lambda r: number_or_dash(r["detection_change_mean"])),
     ("greatest change", lambda r: number_or_dash(r["detection_change_max"])),
-    ("time, s", lambda r: f"{r['seconds']:.2f}"),
     ("whole build, s", lambda r: number(r["build_seconds"], 3)),
     ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
     ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
@@ -54,6 +61,15 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("wrong shadow", lambda r: share_text(r["sunlit_error_share"])),
     ("promise", lambda r: number_or_dash(r["promise_change"])),
 )
+
+
+def knob_cells(rows: list[Row]) -> tuple[list[str], list[list[str]]]:
+    """Names of the columns and cells of all rows, without columns of which nothing is known."""
+    cells = [(name, [text(row) for row in rows]) for name, text in KNOB_COLUMNS]
+    known = [(name, texts) for name, texts in cells if set(texts) != {"–"}]
+    return [name for name, _ in known], [
+        list(row) for row in zip(*(t for _, t in known), strict=True)
+    ]
 
 
 def knobs_said(trade: Trade) -> str:
@@ -86,7 +102,7 @@ def best_said(trade: Trade) -> list[str]:
     lost, gained = best["points_lost"], best["points_gained"]
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
     if best["areas"] and best["usable_ratio"] is None:
-        places = " of places in both; points are not compared: a build in two passes chooses them for the whole region"
+        places = f" of places in both; {NOT_COMPARED}"
     elif best["areas"]:
         places = (
             f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained, "
@@ -129,10 +145,8 @@ def knobs_markdown(trade: Trade) -> list[str]:
     if not trade.rows:
         return []
     lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", knobs_said(trade), ""]
-    lines += [
-        f"| {' | '.join(name for name, _ in KNOB_COLUMNS)} |",
-        "| --- | --- |" + " ---: |" * (len(KNOB_COLUMNS) - 2),
-    ]
-    lines += [f"| {' | '.join(text(row) for _, text in KNOB_COLUMNS)} |" for row in trade.rows]
+    names, rows = knob_cells(trade.rows)
+    lines += [f"| {' | '.join(names)} |", "| --- | --- |" + " ---: |" * (len(names) - 2)]
+    lines += [f"| {' | '.join(cells)} |" for cells in rows]
     left = [f"- {name}: {why}" for name, why in trade.not_measured.items()]
     return [*lines, "", "Not measured:", "", *left, ""]

@@ -10,46 +10,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.special import stdtrit
 
 from ..approximations import APPROXIMATIONS, Approximation
-from ..arrays import Array, Index, Mask
-from ..catalog.prediction import FREE_SHARE, VIEW_REACH_DEG
-from ..catalog.promise import kept_promise
-from ..catalog.schema import UNOCCLUDED, UNSHADOWED, evaluated
-from ..catalog.stored import StoredFile, stored_catalog
+from ..arrays import Array, Index
 from ..errors import ConfigError, LcpError
-from ..geometry.bounds import wrapped_deg
-from ..geometry.frames import direction_enu
-from ..landmarks.selection import Places, nearest
 from ..memory import peak_mb, restart_peak
 from ..plots.numbers import number
-from ..production.area_job import AreaJob, Candidates, area_sweep, run_area
+from ..production.area_job import AreaJob, AreaResult, Candidates, area_sweep, run_area
 from ..production.areas import AreaGrid
-from ..production.assembly import choose
 from ..production.config import BuildConfig
-from ..production.estimate import BESIDE_S, file_bytes
 from ..production.executor import children_start, processes
-from ..production.finished_area import table_of
 from ..production.recipe import InputFiles, Recipe
-from ..production.run import Build, BuildRun, Level
-from ..production.two_passes import area_in_passes
+from ..production.run import Build, Level
+from ..production.two_passes import areas_in_passes
 from ..threads import limit_threads
 from .image_errors import CONTRAST, ImageChanges, judge
-from .point_changes import joined, sigma_m, usable_points
-
-NEAR_CELLS = 2.0
-"""Cells within which two candidates are the same place: those of a point's own peak."""
+from .point_changes import joined, some_of
 
 _LOWEST_SUNS = 2
 
@@ -61,7 +46,8 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Setting:
-    """A configuration and how it differs from the user's: ``values`` of fields; ``turned``: True if a budget may take
+    """A configuration and how it differs from the user's: ``values`` of fields, ``configured`` the user's where these are
+    numbers; ``turned``: True if a budget may take
     it, because the catalogue that it gives answers the same questions; ``images``: True if it changes them; ``finer``: True
     if it leaves less out; ``slower``: its time over that of the configuration, at most, by the registry;
     ``on_sample``: the same on the sample, 1 where it is not known.
@@ -75,6 +61,7 @@ class Setting:
     finer: bool = False
     slower: float = 1.0
     on_sample: float = 1.0
+    configured: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,23 +77,48 @@ class _Run:
     shifts_px: Array
 
 
-_ready: list[bool] = []
-"""Not empty in a process that has loaded its kernels."""
+_ready: set[str] = set()
+"""Steps of areas whose kernels this process has loaded."""
 
 
-def _run(job: AreaJob, usual: AreaJob | None) -> _Run:
-    """Compute an area on one thread. ``usual``: the same area under the user's configuration, for the images."""
+def _run(job: AreaJob, usual: AreaJob | None) -> tuple[_Run, AreaResult]:
+    """Compute an area, or a step of it, on one thread. ``usual``: the same area under the user's configuration, for the images."""
     with limit_threads(1):
-        run = area_in_passes if job.recipe.config.points.two_passes else run_area
-        if not _ready:  # loads kernels and fills caches
-            run(job)
-            _ready.append(True)
+        if job.step not in _ready:  # loads kernels and fills caches
+            run_area(job)
+            _ready.add(job.step)
         restart_peak()
         start = time.process_time()
-        found = run(job)
+        found = run_area(job)
         spent = time.process_time() - start
         images, shifts = _images(job, usual) if usual else (None, np.empty(0))
-    return _Run(spent, peak_mb(), found.candidates, images, shifts)
+    return _Run(spent, peak_mb(), found.candidates, images, shifts), found
+
+
+def _runs(jobs: Sequence[AreaJob], usual: Sequence[AreaJob | None], areas: int) -> list[_Run]:
+    """Compute areas of a level of ``areas``, of two passes with a choice among all of them."""
+    if not jobs[0].recipe.config.points.two_passes:
+        return [_run(job, same)[0] for job, same in zip(jobs, usual, strict=True)]
+    steps: list[list[_Run]] = [[] for _ in jobs]
+
+    def step(k: int, job: AreaJob) -> AreaResult:
+        run, result = _run(job, None if steps[k] else usual[k])
+        steps[k].append(run)
+        return result
+
+    areas_in_passes(jobs, areas, step)
+    return [_whole(look, evaluated) for look, *evaluated in steps]
+
+
+def _whole(look: _Run, evaluated: Sequence[_Run]) -> _Run:
+    """A first look and what was evaluated after it as one."""
+    none: Candidates = some_of(look.candidates, np.zeros(0, np.int64))
+    return dataclasses.replace(
+        look,
+        cpu_s=look.cpu_s + sum(one.cpu_s for one in evaluated),
+        peak_mb=max(one.peak_mb for one in (look, *evaluated)),
+        candidates=joined([none, *(one.candidates for one in evaluated)]),
+    )
 
 
 def _images(job: AreaJob, usual: AreaJob) -> tuple[ImageChanges, Array]:
@@ -214,6 +226,21 @@ def _work(jobs: Sequence[AreaJob]) -> float:
     return sum(math.prod(j.task.window.grown(halo).shape) * j.conditions.count for j in jobs) or 1.0
 
 
+def ratio_interval(by_area: Array, most: float = 1.0, wider: float = 1.0) -> list[float] | None:
+    """The 90 % interval, from 0 to ``most``, of the share of all changed among all judged conditions, of those of each area
+    (n, 2): Cochran (1977), *Sampling Techniques*, 6.3, for a ratio; None for one area. With ``wider`` sqrt(2) that of the share
+    on as many other areas of such ground.
+    """
+    count = len(by_area)
+    if count < 2:
+        return None
+    changed, judged = by_area.T
+    share = float(changed.sum() / judged.sum())
+    spread = float(np.std(changed - share * judged, ddof=1) / judged.mean())
+    half = wider * float(stdtrit(count - 1, 0.95)) * spread / math.sqrt(count)
+    return [max(0.0, share - half), min(most, share + half)]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a setting gives on the sample: candidates there with the ``area`` of each, processor time, memory."""
@@ -233,7 +260,7 @@ class Outcome:
         in what the region's border leaves of them.
         """
         whole = _work(self.level.jobs)
-        around = _interval(self.parts, math.inf)
+        around = ratio_interval(self.parts, math.inf)
         spent, work = self.parts.sum(axis=0)
         return float(spent / work * whole), around and [one * whole for one in around]
 
@@ -256,7 +283,7 @@ class Outcome:
             total.add(one)
         shifts = np.concatenate([run.shifts_px for run in runs])
         return cls(
-            level, _some(every, kept), area[kept],
+            level, some_of(every, kept), area[kept],
             sum(share * run.cpu_s for share, run in zip(shares, runs, strict=True)),
             max(run.peak_mb for run in runs),
             total if images else None, float(np.median(shifts)) if len(shifts) else None,
@@ -264,194 +291,31 @@ class Outcome:
         )  # fmt: skip
 
 
-def _some(candidates: Any, rows: Index) -> Any:
-    """A selection of candidates, and of the results in them."""
-    parts = {f.name: getattr(candidates, f.name) for f in dataclasses.fields(candidates)}
-    return dataclasses.replace(
-        candidates,
-        **{
-            name: None if v is None else _some(v, rows) if dataclasses.is_dataclass(v) else v[rows]
-            for name, v in parts.items()
-        },
-    )
+_UNITS = {
+    "deg": "deg", "m": "m", "km": "km", "px": "pixels", "nodes": "nodes", "max": "nodes", "cell": "a cell",
+    "passes": "passes", "scales": "scales", "rivals": "rivals", "correlation": "of a correlation",
+    "dependence": "of a patch", "share": "of a patch", "step": "of the value", "doubt": "of a probability",
+}  # fmt: skip
+"""Unit of a field by the last word of its name."""
+
+_ONE = {"nodes": "node", "pixels": "pixel", "passes": "pass", "scales": "scale", "rivals": "rival"}
 
 
-# -- conditions of two grids
+def _with_unit(field: str, value: Any) -> str:
+    """A number, or several, with its unit."""
+    unit = _UNITS[field.replace(".", "_").rpartition("_")[2]]
+    figures = [number(one) for one in (value if isinstance(value, tuple) else (value,))]
+    return f"{' and '.join(figures)} {_ONE.get(unit, unit) if figures == ['1'] else unit}"
 
 
-def _along(wanted: Sequence[float], given: Sequence[float], turn: float | None) -> Array:
-    """Weights (wanted, given), linear between neighbours; rows of zeros outside. ``turn``: the period."""
-    weights = np.zeros((len(wanted), len(given)))
-    for k, value in enumerate(wanted):
-        away = np.asarray(given) - value
-        away = wrapped_deg(away) if turn else away
-        if (near := np.abs(away) < 1e-6).any():
-            weights[k, np.argmax(near)] = 1.0
-            continue
-        below, above = (np.where(side, np.abs(away), np.inf) for side in (away < 0, away > 0))
-        low, high = int(np.argmin(below)), int(np.argmin(above))
-        step = below[low] + above[high]
-        if math.isfinite(step):
-            weights[k, low], weights[k, high] = above[high] / step, below[low] / step
-    return weights
-
-
-def _of_views(wanted: Any, given: Any) -> Array:
-    """Weights (wanted, given): the nearest view within reach."""
-    pairs = [
-        direction_enu(np.array(v.azimuth_deg), 90.0 - np.array(v.off_nadir_deg))
-        for v in (wanted, given)
-    ]
-    cosine = np.clip(pairs[0] @ pairs[1].T, -1.0, 1.0)
-    near = np.eye(len(given))[np.argmax(cosine, axis=1)]
-    reached = np.degrees(np.arccos(cosine.max(axis=1))) <= VIEW_REACH_DEG
-    return np.asarray(near * reached[:, None])
-
-
-@dataclass(frozen=True)
-class _Claims:
-    """Claims (n, view, elevation, azimuth) at the cells: whether there is one, its probability, and whether it is usable."""
-
-    known: Mask
-    detection: Array
-    usable: Mask
-
-    @classmethod
-    def at(cls, candidates: Candidates, own: BuildConfig, wanted: BuildConfig) -> _Claims:
-        """The claims of candidates under a configuration at the views and Suns of another."""
-        weights = (
-            _of_views(wanted.view, own.view),
-            _along(wanted.sun.elevations_deg, own.sun.elevations_deg, None),
-            _along(wanted.sun.azimuths_deg, own.sun.azimuths_deg, 360.0),
-        )
-
-        def mean(values: Array) -> Array:
-            for axis, weight in enumerate(weights, start=1):
-                values = np.moveaxis(np.tensordot(values, weight, (axis, 1)), -1, axis)
-            return values
-
-        condition = candidates.evaluation.condition
-        chance = candidates.evaluation.detection[:, 0].astype(np.float64)
-        stated = evaluated(condition) & np.isfinite(chance)
-        weight = mean(stated.astype(np.float64))
-        free = UNSHADOWED | UNOCCLUDED
-        clear = mean((stated & ((condition & free) == free)).astype(np.float64))
-        known = weight >= 0.5
-        with np.errstate(invalid="ignore", divide="ignore"):
-            detection = mean(np.where(stated, chance, 0.0)) / weight
-            usable = (
-                known
-                & (detection >= own.points.min_detection - 1e-9)
-                & (clear >= FREE_SHARE * weight - 1e-9)
-            )
-        return cls(known, np.where(known, detection, np.nan), usable)
-
-
-def _wanted(usual: BuildConfig, other: BuildConfig) -> BuildConfig:
-    """The configuration with the finer grid of views and Suns."""
-    more = len(other.view) * len(other.sun.azimuths_deg) * len(other.sun.elevations_deg)
-    return (
-        other
-        if more > len(usual.view) * len(usual.sun.azimuths_deg) * len(usual.sun.elevations_deg)
-        else usual
-    )
-
-
-# -- rows
-
-
-def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> Row:
-    """A row of the table: a setting beside the user's configuration."""
-    before, after = usual.candidates, found.candidates
-    config, own = usual.level.recipe.config, found.level.recipe.config
-    near_m = NEAR_CELLS * config.gsd_m
-    at, away_m = nearest(
-        Places(before.lon_deg, before.lat_deg), Places(after.lon_deg, after.lat_deg)
-    )
-    here = np.flatnonzero(away_m <= near_m)
-    there = at[here]
-    wanted = _wanted(config, own)
-    old, new = (
-        _Claims.at(_some(some, rows), of, wanted)
-        for some, rows, of in ((before, here, config), (after, there, own))
-    )
-    # Suns of a finer grid that never occur are not judged
-    judged = old.known & new.known if wanted is not config else old.known
-    changed = (old.usable != new.usable) & judged
-    by_area = np.array(
-        [
-            (changed[group].sum(), judged[group].sum())
-            for k in range(len(sample.jobs))
-            if judged[group := usual.area[here] == k].any()
-        ],
-        np.float64,
-    )
-    share = float(changed.sum() / judged.sum()) if judged.any() else None
-    shift = np.abs(old.detection - new.detection)
-    shift = shift[np.isfinite(shift)]
-    sigma = [
-        sigma_m(some, of)[rows] for some, of, rows in ((before, config, here), (after, own, there))
-    ]
-    both = (sigma[0] > 0.0) & (sigma[1] > 0.0) & np.isfinite(sigma[0]) & np.isfinite(sigma[1])
-    points = [
-        (some, choose(table_of(some, of), of)) for some, of in ((before, config), (after, own))
-    ]
-    chosen = [Places(some.lon_deg[rows], some.lat_deg[rows]) for some, rows in points]
-    worth = [usable_points(some, rows) for some, rows in points]
-    lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
-    areas_s, around_s = found.areas_s()
-    return {
-        "knob": setting.knob,
-        "value": setting.value,
-        "default": setting.knob == "",
-        "accuracy": own.model.precision.tier,
-        "seconds": found.cpu_s,
-        "seconds_relative": areas_s / usual.areas_s()[0],
-        "seconds_interval": None,
-        "build_seconds": areas_s + BESIDE_S,
-        "build_interval": around_s and [one + BESIDE_S for one in around_s],
-        "memory_mb": found.peak_mb,
-        "bytes": file_bytes(found.level, len(chosen[1].lon_deg) / sample.share),
-        # with light by way of other ground a node in shadow is not black
-        "sunlit_error_share": found.images.sunlit_error_share
-        if found.images and own.model.bounce == config.model.bounce
-        else None,
-        "radiance_rmse": found.images.radiance_rmse if found.images else None,
-        "points": len(chosen[1].lon_deg),
-        "points_lost": lost,
-        "points_gained": gained,
-        "matched_share": len(here) / max(1, len(before)),
-        # areas that choose alone lose places at their borders, as a build in two passes, which chooses for the region, does not
-        "usable_ratio": worth[1] / max(worth[0], 1e-9)
-        if own.points.passes == config.points.passes
-        else None,
-        "conditions_changed_share": share,
-        "interval": _interval(by_area),
-        "elsewhere": _interval(by_area, wider=math.sqrt(2.0)),
-        "detection_change_mean": float(shift.mean()) if len(shift) else None,
-        "detection_change_max": float(shift.max()) if len(shift) else None,
-        "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,
-        "shift_cells": found.shift_px,
-        "promise_change": None,
-    }
-
-
-def _interval(by_area: Array, most: float = 1.0, wider: float = 1.0) -> list[float] | None:
-    """The 90 % interval, from 0 to ``most``, of the share of all changed among all judged conditions, of those of each area
-    (n, 2): Cochran (1977), *Sampling Techniques*, 6.3, for a ratio; None for one area. With ``wider`` sqrt(2) that of the share
-    on as many other areas of such ground.
-    """
-    count = len(by_area)
-    if count < 2:
-        return None
-    changed, judged = by_area.T
-    share = float(changed.sum() / judged.sum())
-    spread = float(np.std(changed - share * judged, ddof=1) / judged.mean())
-    half = wider * float(stdtrit(count - 1, 0.95)) * spread / math.sqrt(count)
-    return [max(0.0, share - half), min(most, share + half)]
-
-
-# -- the measurement
+def _told(config: BuildConfig, name: str, values: Mapping[str, Any]) -> tuple[str, str]:
+    """An alternative, and what the configuration has in its place where both are numbers and that is known."""
+    if any(letter.isalpha() for letter in name):
+        return name, ""
+    ((field, value),) = values.items()
+    section, _, key = field.partition(".")
+    own = getattr(getattr(config, section), key)
+    return _with_unit(field, value), "" if own is None else _with_unit(field, own)
 
 
 def settings(config: BuildConfig) -> list[Setting]:
@@ -460,16 +324,18 @@ def settings(config: BuildConfig) -> list[Setting]:
     return [
         Setting(
             one.name,
-            name,
+            told,
             values,
             turned=one.fineness is not None,
             images=bool(one.effects),
             finer=_finer(one, config, values),
             slower=one.slower[1],
             on_sample=one.sample_times().get(name, 1.0),
+            configured=own,
         )
         for one in order
         for name, values in one.values(config).items()
+        for told, own in [_told(config, name, values)]
     ]
 
 
@@ -515,85 +381,55 @@ class Measurement:
         """What each setting gives, or why it was not measured, in the order in which they are done."""
         with ExitStack() as stack:
             pool = stack.enter_context(processes(self.workers)) if self.workers else None
-            waiting: dict[Future[Any], tuple[int, int]] = {}
+            waiting: dict[Future[Any], tuple[int, list[int]]] = {}
             open_: dict[
                 int, tuple[Level, list[tuple[AreaJob, float, AreaJob | None]], list[Any]]
             ] = {}
             left = list(enumerate(wanted))
-            queue: list[tuple[int, int, AreaJob, AreaJob | None]] = []
+            queue: list[tuple[int, list[int]]] = []
             while left or queue or waiting:
                 while not queue and left and len(waiting) <= self.workers:
-                    number, setting = left.pop(0)
-                    slow_s = self.setting_s * (setting.slower - 1.0)
-                    if time.monotonic() + slow_s > self.until:
-                        yield setting, _too_late(slow_s)
+                    at, setting = left.pop(0)
+                    opened = self._opened(setting)
+                    if isinstance(opened, str):
+                        yield setting, opened
                         continue
-                    try:
-                        level = self.sample.level_of(setting.values)
-                        parts = self.sample.parts(level)
-                    except LcpError as error:  # a cell below the DEM's, a spacing of too few cells
-                        yield setting, str(error)
+                    level, parts = opened
+                    open_[at] = (level, parts, [None] * len(parts))
+                    every = list(range(len(parts)))
+                    # of two passes all areas in one process, with one choice
+                    passes = level.recipe.config.points.two_passes
+                    queue += [(at, some) for some in ([every] if passes else [[k] for k in every])]
+                while queue and (pool is None or len(waiting) <= self.workers):
+                    at, some = queue.pop(0)
+                    level, parts, runs = open_[at]
+                    jobs = [parts[k][0] for k in some]
+                    same = [parts[k][2] if wanted[at].images else None for k in some]
+                    if pool is None:
+                        for k, run in zip(some, _runs(jobs, same, len(level.jobs)), strict=True):
+                            runs[k] = run
                         continue
-                    open_[number] = (level, parts, [None] * len(parts))
-                    queue += [
-                        (number, k, job, same if setting.images else None)
-                        for k, (job, _, same) in enumerate(parts)
-                    ]
-                if pool is None and queue:
-                    number, k, job, same = queue.pop(0)
-                    open_[number][2][k] = _run(job, same)
-                elif pool is not None:
-                    while queue and len(waiting) <= self.workers:
-                        number, k, job, same = queue.pop(0)
-                        with children_start():
-                            waiting[pool.submit(_run, job, same)] = (number, k)
-                    for future in (
-                        wait(waiting, return_when=FIRST_COMPLETED).done if waiting else ()
-                    ):
-                        number, k = waiting.pop(future)
-                        open_[number][2][k] = future.result()
-                for number in [
+                    with children_start():
+                        waiting[pool.submit(_runs, jobs, same, len(level.jobs))] = (at, some)
+                for future in wait(waiting, return_when=FIRST_COMPLETED).done if waiting else ():
+                    at, some = waiting.pop(future)
+                    for k, run in zip(some, future.result(), strict=True):
+                        open_[at][2][k] = run
+                for at in [
                     n for n, (_, _, runs) in open_.items() if all(r is not None for r in runs)
                 ]:
-                    level, parts, runs = open_.pop(number)
-                    yield wanted[number], Outcome.of(self.sample, level, parts, runs)
+                    level, parts, runs = open_.pop(at)
+                    yield wanted[at], Outcome.of(self.sample, level, parts, runs)
 
-    def rows(
-        self, usual: Outcome, wanted: Sequence[Setting], whole: Written | None
-    ) -> Iterator[tuple[Setting, Row | str]]:
-        """The rows of settings, or why they were not measured. ``whole``: the file of the usual catalogue, if the sample is the
-        whole build; each catalogue is then written for its promise and its size.
-        """
-        for setting, found in self.outcomes(wanted):
-            if isinstance(found, str):
-                yield setting, found
-                continue
-            row = row_of(self.sample, setting, usual, found)
-            if whole and setting.knob:
-                row |= Written.of(found.level, self.sample).beside(whole)
-            yield setting, row
-
-
-@dataclass(frozen=True)
-class Written:
-    """The file of a whole build: the share of its promise that it keeps, None without a promise, and its size."""
-
-    kept_share: float | None
-    bytes: int
-
-    @classmethod
-    def of(cls, level: Level, sample: Sample) -> Written:
-        """Build a level and write it to a temporary file."""
-        with tempfile.TemporaryDirectory() as folder:
-            output = Path(folder, "c.h5")
-            build = dataclasses.replace(sample.build, levels=(level,))
-            BuildRun(build, output, jobs=2, advises=False).whole()
-            kept = kept_promise(stored_catalog(StoredFile.of(output)))
-            share = float(kept["kept_share"]) if kept else None
-            return cls(share, output.stat().st_size)
-
-    def beside(self, usual: Written) -> Row:
-        """What a row says of it beside the usual one."""
-        mine, theirs = self.kept_share, usual.kept_share
-        change = None if mine is None or theirs is None else mine - theirs
-        return {"promise_change": change, "bytes": self.bytes}
+    def _opened(
+        self, setting: Setting
+    ) -> tuple[Level, list[tuple[AreaJob, float, AreaJob | None]]] | str:
+        """The level of a setting and its areas in the sample, or why it is not computed."""
+        slow_s = self.setting_s * (setting.slower - 1.0)
+        if time.monotonic() + slow_s > self.until:
+            return _too_late(slow_s)
+        try:
+            level = self.sample.level_of(setting.values)
+            return level, self.sample.parts(level)
+        except LcpError as error:  # a cell below the DEM's, a spacing of too few cells
+            return str(error)

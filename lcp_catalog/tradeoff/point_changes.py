@@ -107,6 +107,22 @@ def joined(parts: Sequence[Any]) -> Any:
     return dataclasses.replace(parts[0], **columns)
 
 
+def some_of(candidates: Any, rows: Index) -> Any:
+    """A selection of candidates, and of the results in them."""
+    parts = {f.name: getattr(candidates, f.name) for f in dataclasses.fields(candidates)}
+    return dataclasses.replace(
+        candidates,
+        **{
+            name: None
+            if v is None
+            else some_of(v, rows)
+            if dataclasses.is_dataclass(v)
+            else v[rows]
+            for name, v in parts.items()
+        },
+    )
+
+
 def _ids(candidates: Candidates) -> NDArray[np.int64]:
     return stable_id(candidates.lon_deg, candidates.lat_deg)
 

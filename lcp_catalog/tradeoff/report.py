@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from ..accuracy import TIERS
 from ..atomic_files import check_folder, write_folder
-from ..catalog.summary import latitude_name
 from ..choices import LAWS_BY_COST
 from ..dem.public import Dems
 from ..errors import ConfigError
@@ -30,28 +29,18 @@ from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.public import planned_build
 from .charts import Row, knobs_chart, pareto, share_text, times
+from .confirmation import LIMIT_S, TIERS_SHARE, WORKERS, measure_all
 from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
 from .knob_table import (
     BEST,
-    KNOB_COLUMNS,
     KNOBS_EXPLAINED,
     KNOBS_HEADING,
     best_said,
+    knob_cells,
     knobs_markdown,
     knobs_said,
 )
-from .measurement import (
-    AREAS,
-    LIMIT_S,
-    ROUNDS,
-    TIERS_SHARE,
-    WORKERS,
-    Budget,
-    Progress,
-    Trade,
-    measure_all,
-    measure_trade,
-)
+from .measurement import AREAS, ROUNDS, Budget, Progress, Trade, measure_trade
 from .point_changes import DETECTION_CHANGE
 from .proposal import require_one
 
@@ -245,6 +234,7 @@ def compared_line(compared: dict[str, Any]) -> str:
     """The compared areas and conditions in one paragraph."""
     region, suns = compared["region"], compared["suns"]
     low, high = min(compared["sun_elevations_deg"]), max(compared["sun_elevations_deg"])
+    lat_deg = region["center_lat"]
     many = f"{suns[0]}" if len(suns) == 1 else f"{suns[0]} to {suns[-1]}"
     rounds = "1 round" if compared["rounds"] == 1 else f"{compared['rounds']} rounds"
     processes = (
@@ -253,7 +243,7 @@ def compared_line(compared: dict[str, Any]) -> str:
         else "all tiers in the same process"
     )
     return (
-        f"{', '.join(compared['dems'])}; region around {turned_deg(region['center_lon']):.4g}° E, {latitude_name(region['center_lat'])}, "
+        f"{', '.join(compared['dems'])}; region around {turned_deg(region['center_lon']):.4g}° E, {abs(lat_deg):.4g}° {'NS'[lat_deg < 0.0]}, "
         f"cells of {number(compared['gsd_m'], 4)} m; {compared['areas']} of {compared['areas_of']} area{'s' * (compared['areas_of'] != 1)} "
         f"({sum(compared['area_nodes']):,} nodes without their margins); {many} Sun direction{'s' * (suns != [1])}, elevations {low:g} to {high:g}°; "
         f"{compared['views']} view{'s' * (compared['views'] != 1)}; {compared['reflectance']}. {compared['threads']} thread, {processes}, tiers in turn, "
@@ -345,9 +335,8 @@ def render_trade(trade: Trade) -> str:
         else {
             "heading": KNOBS_HEADING,
             "said": knobs_said(trade),
-            "columns": [name for name, _ in KNOB_COLUMNS],
-            "rows": [[text(row) for _, text in KNOB_COLUMNS] for row in trade.rows],
-            "chart": knobs_chart(trade.rows),
+            "table": knob_cells(trade.rows),
+            "chart": knobs_chart(trade.rows, trade.best_row),
             "explained": KNOBS_EXPLAINED,
             "left": list(trade.not_measured.items()),
         },

@@ -15,7 +15,7 @@ from helpers.commands import refusal
 from lcp_cli.main import run
 
 from lcp_catalog.production.estimate import BESIDE_S
-from lcp_catalog.tradeoff import measurement, proposal
+from lcp_catalog.tradeoff import confirmation, measurement, proposal
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -178,10 +178,10 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     much changes and as much time is saved as was said. Of alternatives with the same Suns, whose points do not depend on
     what is chosen in other areas.
     """
-    every = measurement.settings
+    every = confirmation.settings
     same = "one direction per area", "searched again near the limit", "number of rivals"
     monkeypatch.setattr(
-        measurement, "settings", lambda config: [one for one in every(config) if one.knob in same]
+        confirmation, "settings", lambda config: [one for one in every(config) if one.knob in same]
     )
     # a coarser direction loses a tenth of the points here and would be refused; what is said of it must hold all the same
     monkeypatch.setattr(proposal, "LEAST_USABLE", 0.8)

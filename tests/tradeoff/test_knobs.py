@@ -25,10 +25,19 @@ from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.estimate import BESIDE_S
 from lcp_catalog.production.public import build_catalog
 from lcp_catalog.production.run import Build
-from lcp_catalog.tradeoff import charts, knob_table, knobs, measurement, report
+from lcp_catalog.tradeoff import (
+    charts,
+    confirmation,
+    knob_rows,
+    knob_table,
+    knobs,
+    measurement,
+    report,
+)
+from lcp_catalog.tradeoff.confirmation import measure_all
 from lcp_catalog.tradeoff.image_errors import ModelChanges
 from lcp_catalog.tradeoff.knobs import Setting, window_shifts
-from lcp_catalog.tradeoff.measurement import Budget, Trade, measure_all
+from lcp_catalog.tradeoff.measurement import Budget, Trade
 from lcp_catalog.tradeoff.point_changes import joined, usable_points
 from lcp_catalog.tradeoff.proposal import (
     keeps_enough,
@@ -73,7 +82,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
 @pytest.fixture(scope="module")
 def found(build: Build) -> Trade:
     patch = pytest.MonkeyPatch()
-    patch.setattr(measurement, "settings", lambda config: SOME)
+    patch.setattr(confirmation, "settings", lambda config: SOME)
     try:
         return measure_all(EMPTY, build, 2, Budget(error=1.0), math.inf, workers=0)
     finally:
@@ -117,10 +126,13 @@ def test_an_interval_is_that_of_the_share_of_all_areas() -> None:
     even = np.array([[5.0, 100.0], [9.0, 100.0], [1.0, 100.0], [6.0, 100.0]])
     shares = even[:, 0] / 100.0
     expected = stats.t.interval(0.9, 3, shares.mean(), stats.sem(shares))
-    assert knobs._interval(even) == pytest.approx(list(np.clip(expected, 0.0, 1.0)), rel=1e-3)
-    low, high = knobs._interval(np.array([[30.0, 3000.0], [0.0, 10.0], [0.0, 10.0]])) or (1.0, 0.0)
+    assert knobs.ratio_interval(even) == pytest.approx(list(np.clip(expected, 0.0, 1.0)), rel=1e-3)
+    low, high = knobs.ratio_interval(np.array([[30.0, 3000.0], [0.0, 10.0], [0.0, 10.0]])) or (
+        1.0,
+        0.0,
+    )
     assert low <= 30.0 / 3020.0 <= high < 0.02
-    assert knobs._interval(even[:1]) is None
+    assert knobs.ratio_interval(even[:1]) is None
 
 
 def test_intervals_hold_for_as_many_other_areas() -> None:
@@ -131,7 +143,7 @@ def test_intervals_hold_for_as_many_other_areas() -> None:
         judged = rng.integers(500, 1500, (2, 24)).astype(float)
         changed = judged * rng.gamma(1.0 / 0.75**2, 0.02 * 0.75**2, (2, 24))
         here = np.stack([changed[0], judged[0]], 1)
-        low, high = knobs._interval(here, wider=math.sqrt(2.0)) or (1.0, 0.0)
+        low, high = knobs.ratio_interval(here, wider=math.sqrt(2.0)) or (1.0, 0.0)
         inside += low <= changed[1].sum() / judged[1].sum() <= high
     assert 0.85 < inside / runs < 0.95
 
@@ -144,7 +156,7 @@ def test_the_views_between_are_in_reach_of_those_of_the_build() -> None:
             {"area.gsd_m": 118.0, "view.off_nadir_deg": own, "view.azimuth_deg": sides, "view.altitude_km": (math.inf,) * len(own)}
         )  # fmt: skip
         (more,) = (change for name, change in views.values(usual).items() if name.startswith("and"))
-        assert knobs._of_views(usual.replaced(more).view, usual.view).any(axis=1).all()
+        assert knob_rows._of_views(usual.replaced(more).view, usual.view).any(axis=1).all()
 
 
 def test_conditions_that_are_no_longer_stated_count_as_changed(found: Trade, build: Build) -> None:
@@ -199,7 +211,7 @@ def test_what_is_not_measured_is_named(
 ) -> None:
     unpriced = {one.name for one in APPROXIMATIONS if one.unpriced}
     assert set(found.not_measured) == unpriced | {"impossible, cell"}
-    monkeypatch.setattr(measurement, "settings", lambda config: SOME[:2])
+    monkeypatch.setattr(confirmation, "settings", lambda config: SOME[:2])
     late = measure_all(EMPTY, build, 1, Budget(), 0.0, workers=0)
     assert len(late.rows) == 1
     assert late.not_measured["same, same"] == "the time limit was reached"
@@ -214,7 +226,7 @@ def test_all_areas_state_the_promise_and_the_size_of_the_file(
 ) -> None:
     """Of the files that `lcp build-catalog` writes; a build without a promise says so."""
     dense = Setting("patch", "9", {"points.patch_nodes": 9})
-    monkeypatch.setattr(measurement, "settings", lambda config: [dense])
+    monkeypatch.setattr(confirmation, "settings", lambda config: [dense])
     trade = measure_all(EMPTY, build, None, Budget(), math.inf, workers=0)
     assert "promise is kept" not in caplog.text  # of a file that nobody sees
     dem = build.recipe.dems.dems[0].path
@@ -229,7 +241,7 @@ def test_all_areas_state_the_promise_and_the_size_of_the_file(
     assert kept[1] != kept[0]
     assert [row["bytes"] for row in trade.rows] == pytest.approx(sizes, rel=0.01)
     spaced = Build.plan((dem,), CONFIG.replaced({"points.spacing_m": 8000.0}))
-    monkeypatch.setattr(measurement, "settings", lambda config: [])
+    monkeypatch.setattr(confirmation, "settings", lambda config: [])
     none = measure_all(EMPTY, spaced, None, Budget(), math.inf, workers=0)
     assert none.rows[0]["promise_change"] is None
     assert "promises nothing" in none.not_measured["change of the promise"]
@@ -240,8 +252,8 @@ def test_the_configuration_for_a_budget_is_measured_on_more_areas(
 ) -> None:
     """On all of this small build, where its error is that of the whole; of time as for all areas."""
     few = Setting("dependence", "0", {"points.max_dependence": 0.0}, True)
-    monkeypatch.setattr(measurement, "settings", lambda config: [few])
-    monkeypatch.setattr(measurement, "proposal", lambda *_: [few])
+    monkeypatch.setattr(confirmation, "settings", lambda config: [few])
+    monkeypatch.setattr(confirmation, "proposal", lambda *_: [few])
     chosen = measure_all(EMPTY, build, 1, Budget(seconds=1.0), math.inf, workers=0)
     every = measure_all(EMPTY, build, None, Budget(), math.inf, workers=0)
     assert chosen.best_row is not None
@@ -356,7 +368,9 @@ def test_finer_settings_are_known() -> None:
         "two passes",  # the default is one
     }
     assert {value for knob, value in finer if knob == "accuracy tier"} == {"high", "reference"}
-    assert {value for knob, value in finer if knob == "rounding of height errors"} == {"0.01"}
+    assert {value for knob, value in finer if knob == "rounding of height errors"} == {
+        "0.01 of the value"
+    }
     assert ("search at half resolution first", "full resolution") in finer
     assert {one.turned for one in knobs.settings(config) if one.finer} == {True}
 
@@ -384,15 +398,15 @@ def test_times_are_over_the_median_of_runs_between(
     assert rows[1]["seconds_relative"] == 1.1
     assert rows[1]["seconds_interval"] == [0.88, pytest.approx(11.0 / 9.0)]
     asked: list[str] = []
-    original = measurement.Measurement.outcomes
+    original = knobs.Measurement.outcomes
 
     def watched(self: Any, wanted: Any) -> Any:
         asked.extend(one.knob for one in wanted)
         return original(self, wanted)
 
-    monkeypatch.setattr(measurement, "settings", lambda config: SOME[:2])
-    monkeypatch.setattr(measurement, "BASELINE_EVERY", 1)
-    monkeypatch.setattr(measurement.Measurement, "outcomes", watched)
+    monkeypatch.setattr(confirmation, "settings", lambda config: SOME[:2])
+    monkeypatch.setattr(confirmation, "BASELINE_EVERY", 1)
+    monkeypatch.setattr(confirmation.Measurement, "outcomes", watched)
     found = measure_all(EMPTY, build, 1, Budget(), math.inf, workers=0)
     assert asked == ["", "", "dependence", "", "same", ""]
     assert [row["knob"] for row in found.rows] == ["", "dependence", "same"]
@@ -409,13 +423,13 @@ def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
 
     def areas(area_s: float) -> int:
         until = time.monotonic() + 100.0
-        confirm = measurement.Confirmation(build, build.recipe.config, 1, 0, until, area_s)
+        confirm = confirmation.Confirmation(build, build.recipe.config, 1, 0, until, area_s)
         return int(confirm.row(few, told)["areas"])
 
     assert len(build.jobs) > 2
     assert [areas(area_s) for area_s in (0.0, 20.0, 45.0, 1000.0)] == [len(build.jobs), 2, 1, 0]
     slow = Setting("slow", "on", {"points.rivals": 12}, slower=1e9)
-    monkeypatch.setattr(measurement, "settings", lambda config: [few, slow])
+    monkeypatch.setattr(confirmation, "settings", lambda config: [few, slow])
     until = time.monotonic() + 1000.0
     found = measure_all(EMPTY, build, 1, Budget(), until, workers=0)
     assert [row["knob"] for row in found.rows] == ["", "dependence"]
@@ -426,6 +440,58 @@ def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
     assert "your configuration as it is, " in knob_table.knobs_said(late)
     some = dataclasses.replace(late, best_row=late.best_row | {"value": "dependence: 0"})
     assert "for want of time" in knob_table.knobs_said(some)
+
+
+@pytest.mark.parametrize("changes", [{}, {"points.image_scales": 2, "points.passes": 2}])
+def test_every_number_has_its_unit(changes: dict[str, Any]) -> None:
+    config = CONFIG.replaced({"model.ring_max_km": 400.0, **changes})
+    found = {(one.knob, one.value): one.configured for one in knobs.settings(config)}
+    assert not [value for _, value in found if not any(letter.isalpha() for letter in value)]
+    assert found["one direction per area", "1.4 deg"] == "0.7 deg"
+    assert found["cell size", "948 m"] == "474 m"
+    assert found["far terrain", "30 km"] == "400 km"
+    assert found["candidates per cell", "1 a cell"] == "2 a cell"
+    assert found["searched again near the limit", "0 and 0 of a probability"] == ""
+    assert found["accuracy tier", "draft"] == ""
+    if changes:
+        assert found["image scales", "1 scale"] == "2 scales"
+        assert found["two passes", "1 pass"] == "2 passes"
+
+
+def test_the_chart_marks_the_users_configuration_and_the_one_to_take(found: Trade) -> None:
+    assert found.best_row is not None
+    best = found.best_row | {"value": "a: 1", "conditions_changed_share": 0.02}
+    for own, told in ((None, 0), (best, 1), (best | {"value": ""}, 0)):
+        drawn = str(charts.knobs_chart(found.rows, own))
+        assert drawn.count("<circle class='own'") == 1
+        assert drawn.count(">your configuration</text>") == 1
+        assert drawn.count("<circle class='taken'") == drawn.count(">to take</text>") == told
+
+
+def test_two_passes_choose_among_all_areas(build: Build, tmp_path: Path) -> None:
+    """As many points, worth as much, as in the file of a build in two passes, and no place is lost where areas meet."""
+    dem = build.recipe.dems.dems[0].path
+    config = CONFIG.replaced({"points.spacing_m": 8000.0, "points.passes": 2})
+    whole = Build.plan((dem,), config)
+    every = knobs.Sample(whole, whole.recipe.config, list(whole.jobs))
+    one_pass = Setting("two passes", "1", {"points.passes": 1})
+    both = [Setting("", "", {}), one_pass]
+    two, one = (found for _, found in knobs.Measurement(every, 0, math.inf).outcomes(both))
+    assert isinstance(two, knobs.Outcome)
+    assert isinstance(one, knobs.Outcome)
+    row = knob_rows.row_of(every, one_pass, two, one)
+    worth = []
+    for passes, outcome in ((2, two), (1, one)):
+        path = tmp_path / f"{passes}.h5"
+        build_catalog(dem, path, config=config.replaced({"points.passes": passes}))
+        stored = open_catalog(path).condition
+        axes = (1, 2, 3)
+        worth.append(float((usable(stored).sum(axes) / evaluated(stored).sum(axes)).sum()))
+        chosen = knob_rows.choose(knob_rows.table_of(outcome.candidates, config), config)
+        assert len(chosen) == len(stored)
+        assert usable_points(outcome.candidates, chosen) == pytest.approx(worth[-1])
+    assert len(two.candidates) < 0.6 * len(one.candidates)
+    assert row["usable_ratio"] == pytest.approx(worth[1] / worth[0])
 
 
 def test_a_budget_measures_first_what_it_may_take() -> None:
@@ -455,7 +521,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     assert said[0].startswith("2 alternatives that it could take were not measured")
     assert said[1] == "To take (best.toml): a: 1."
     assert said[2].startswith("On this scene, measured together on 14 areas: ")
-    assert "2 % (1 % to 3 %) of the conditions changed" in said[2]
+    assert "2 % (1 to 3 %) of the conditions changed" in said[2]
     assert "such ground with these Suns 0.5 % to 3.5 % change (90 %)" in said[3]
     assert said[4].startswith(
         "On other ground up to 3 times as much changed where it was compared (6 %)"
@@ -463,7 +529,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     told = json.loads(json.dumps(some.document()))["best"]
     assert (told["elsewhere"], told["other_ground"]) == ([0.005, 0.035], [0.0, pytest.approx(0.06)])
     passes = dataclasses.replace(some, best_row=row | {"usable_ratio": None})
-    assert "points are not compared: a build in two passes" in knob_table.best_said(passes)[2]
+    assert "points are not compared: two passes evaluate" in knob_table.best_said(passes)[2]
     alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})
     assert knob_table.best_said(alone)[-1] == said[4]
     for other in ({"finer": True}, {"conditions_changed_share": 0.004}):
@@ -498,18 +564,18 @@ def test_what_together_keeps_too_little_is_taken_back(monkeypatch: pytest.Monkey
             return told | ({"usable_ratio": 0.9} if both else {})
 
     usual = _row(1.0, 0.0) | {"seconds": 1.0}
-    best, row = measurement._best(Told(), rows, usual, Budget(error=0.05))
+    best, row = confirmation._best(Told(), rows, usual, Budget(error=0.05))
     assert best.value == "a: 1"
     assert row["usable_ratio"] == 1.0
     # a worth that is not known, as that of two passes, does not take it back
     monkeypatch.setattr(Told, "row", lambda self, best, told: told | {"usable_ratio": None})
-    assert measurement._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1; b: 1"
+    assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1; b: 1"
     rows[1][1]["usable_ratio"] = 0.9
-    assert measurement._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1"
+    assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1"
 
 
 def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
-    """No more points are lost than there are; what is usable multiplies, so that too little is seen without a measurement."""
+    """No more points are lost than there are; what is usable multiplies, so that too little is seen without a confirmation."""
     one, two = (
         _row(0.5, 0.01) | {"points_lost": lost, "points_gained": 12, "usable_ratio": 0.96} | named
         for lost, named in ((20, {"knob": "a", "value": "1"}), (10, {"knob": "b", "value": "2"}))
@@ -549,7 +615,7 @@ def test_names_in_the_chart_cover_nothing() -> None:
         assert found
         x, y, wide = float(found[1]), float(found[2]), 6.8 * len(found[4])
         own = dict(named)[found[4]]
-        assert abs(abs(x - own[0]) - 7.0) < 0.1
+        assert abs(abs(x - own[0]) - 10.0) < 0.1
         left = x if found[3] == "start" else x - wide
         assert (left > own[0]) == (found[3] == "start")
         boxes.append((left, y - 10.0, left + wide, y + 2.0))
@@ -592,10 +658,10 @@ def test_weights_are_linear_and_turn_around() -> None:
     given = (0.0, 90.0, 180.0, 270.0)
     wanted = (0.0, 22.5, 315.0)
     np.testing.assert_allclose(
-        knobs._along(wanted, given, 360.0),
+        knob_rows._along(wanted, given, 360.0),
         [[1.0, 0.0, 0.0, 0.0], [0.75, 0.25, 0.0, 0.0], [0.5, 0.0, 0.0, 0.5]],
     )
-    heights = knobs._along((5.0, 7.0, 90.0, 2.0), (5.0, 10.0, 30.0), None)
+    heights = knob_rows._along((5.0, 7.0, 90.0, 2.0), (5.0, 10.0, 30.0), None)
     values = np.array([1.0, 3.0, 7.0])
     np.testing.assert_allclose(
         heights @ values, [1.0, np.interp(7.0, (5, 10, 30), values), 0.0, 0.0]

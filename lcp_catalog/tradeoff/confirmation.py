@@ -1,0 +1,194 @@
+"""The rows of all approximations within a limit of time, and the configuration for a budget of time or of error, confirmed by
+its own measurement on more areas.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..approximations import APPROXIMATIONS
+from ..errors import AreaFailedError, ConfigError
+from ..production.config import BuildConfig
+from ..production.run import Build
+from .knob_rows import Written, row_of, rows_of
+from .knobs import Measurement, Sample, Setting, for_budget, settings
+from .measurement import Budget, Progress, Trade, spread
+from .proposal import keeps_enough, proposal, relative, require_one, together, together_row
+
+WORKERS = 2
+"""Processes that compute alternatives."""
+
+LIMIT_S, TIERS_SHARE = 180.0, 0.5
+"""Default limit of the time, seconds, and the share of it that tiers may take."""
+
+_TRIES = 4
+
+
+def measure_all(
+    found: Trade,
+    build: Build,
+    areas: int | None,
+    budget: Budget,
+    until: float,
+    workers: int = WORKERS,
+    progress: Progress = lambda done, total: None,
+) -> Trade:
+    """A measurement with the rows of all approximations, on ``areas`` areas (None: all), and the configuration for the
+    budget. ``until``: time of `time.monotonic` after which no other alternative is begun. ConfigError for an impossible
+    budget; otherwise errors as an area's.
+    """
+    require_one(budget.seconds, budget.error)
+    recipe = build.recipe
+    config = recipe.config.replaced({"model.reflectance": recipe.law.model.name})
+    chosen = [build.jobs[i] for i in spread(build, areas or len(build.jobs))]
+    sample, own = Sample(build, config, chosen), Setting("", "as configured", {})
+    begun = time.monotonic()
+    first_runs = [usual for _, usual in Measurement(sample, workers, math.inf).outcomes([own, own])]
+    if isinstance(first_runs[0], str) or isinstance(first_runs[1], str):
+        raise AreaFailedError(str(first_runs[0]))
+    usual, baseline_s = first_runs[0], [one.cpu_s for one in first_runs if not isinstance(one, str)]
+    setting_s = min(baseline_s) / max(1, workers)
+    whole = Written.of(usual.level, sample) if areas is None else None
+    first = row_of(sample, own, usual, usual) | (whole.beside(whole) if whole else {})
+    asked = budget.seconds is not None or budget.error is not None
+    left_s = until - time.monotonic()
+    # of the least confirmation: both configurations on as many areas, as these two runs were
+    least_s = 1.5 * (time.monotonic() - begun)
+    # on CONFIRMED areas and then on twice as many, of both configurations
+    most_s = 6.0 * CONFIRMED * setting_s / len(chosen) + 2.0 * _START_S
+    kept_s = min(max(least_s, most_s), left_s / 3.0) if asked else 0.0
+    measured = Measurement(sample, workers, until - kept_s, setting_s)
+    wanted, finer = settings(config), (budget.seconds or 0.0) >= first["build_seconds"]
+    if asked:
+        wanted = for_budget(wanted, finer)
+    done: list[tuple[Setting, dict[str, Any]]] = []
+    missing = found.not_measured | {
+        one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced
+    }
+    if whole and whole.kept_share is None:
+        missing["change of the promise"] = (
+            "this build promises nothing (`points.spacing_m`, or `points.per_view` 0)"
+        )
+    between = _between(wanted, own)
+    for count, (setting, row) in enumerate(rows_of(measured, usual, between, whole)):
+        progress(count + 1, len(between))
+        if not setting.knob:
+            baseline_s += [] if isinstance(row, str) else [row["seconds"]]
+        elif isinstance(row, str):
+            missing[f"{setting.knob}, {setting.value}"] = row
+        else:
+            done.append((setting, row))
+    relative([first, *(row for _, row in done)], baseline_s)
+    found = replace(found, rows=[first, *(row for _, row in done)], not_measured=missing)
+    if not asked:
+        return found
+    spent_s = sum(baseline_s) + sum(row["seconds"] for _, row in done)
+    pace = (time.monotonic() - begun) / spent_s  # wall time for a second of processor time
+    area_s = pace * first["seconds"] / len(chosen)
+    confirmation = Confirmation(build, config, len(chosen), workers, until, area_s)
+    best, best_row = _best(confirmation, done, first, budget)
+    tried = [setting for setting, _ in done]
+    untried = sum(one.turned and one.finer == finer and one not in tried for one in wanted)
+    return replace(
+        found,
+        best=config.replaced(best.values),
+        best_row=best_row,
+        budget=budget,
+        untried=untried,
+    )
+
+
+BASELINE_EVERY = 10
+"""Alternatives between two runs of the configuration itself."""
+
+_START_S = 5.0
+"""Time in which processes start and load kernels."""
+
+
+def _between(wanted: list[Setting], own: Setting) -> list[Setting]:
+    """The settings with the configuration itself between them and as the last."""
+    found: list[Setting] = []
+    for first in range(0, len(wanted), BASELINE_EVERY):
+        found += [*wanted[first : first + BASELINE_EVERY], own]
+    return found
+
+
+def _best(
+    confirmation: Confirmation,
+    done: list[tuple[Setting, dict[str, Any]]],
+    first: dict[str, Any],
+    budget: Budget,
+) -> tuple[Setting, dict[str, Any]]:
+    """The configuration for a budget and its row. Taken back, the last setting first, is what exceeds the error, or the time
+    with finer settings, and what together keeps too few places and points, though each keeps enough.
+    """
+    left = list(done)
+    for turn in range(_TRIES + 1):
+        taken = proposal(left if turn < _TRIES else [], first, budget.seconds, budget.error)
+        rows = [row for setting, row in left if setting in taken]
+        best = together(taken)
+        told = together_row(first, rows)
+        best_row = confirmation.row(best, told)
+        if budget.error is not None:
+            kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
+        else:
+            kept = not any(s.finer for s in taken) or best_row["build_seconds"] <= budget.seconds
+        judged = told if best_row["usable_ratio"] is None else best_row
+        if not taken or (kept and keeps_enough(judged)):
+            break
+        left = [one for one in left if one[0] != taken[-1]]
+    return best, best_row | {"finer": any(one.finer for one in taken)}
+
+
+CONFIRMED, CLOSE = 32, 0.15
+"""Least number of areas, where the build has them, on which the configuration for a budget is measured; and the half width of the
+interval of its error, as a share of it, above which twice as many are taken."""
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """Measures the configuration for a budget, on more areas than those on which it was chosen: a few areas say what saves
+    most, but their mean error is as uncertain as it is large. ``until``: no areas are begun that would be done after it, by
+    ``area_s``, the time of an area of the user's configuration.
+    """
+
+    build: Build
+    config: BuildConfig
+    least: int
+    workers: int
+    until: float
+    area_s: float
+
+    def fits(self, count: int, relative: float) -> bool:
+        """True if ``count`` areas of both configurations are done before the end."""
+        start_s = _START_S if self.workers else 0.0
+        return time.monotonic() + count * self.area_s * (1.0 + relative) + start_s <= self.until
+
+    def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
+        """The row of the configuration; ``told``, what its settings say together, where there is no time for any
+        measurement. ConfigError for settings that exclude each other.
+        """
+        count, row = max(CONFIRMED, self.least), None
+        while count > self.least and not self.fits(count, told["seconds_relative"]):
+            count = max(self.least, count // 2)
+        while self.fits(min(count, len(self.build.jobs)), told["seconds_relative"]):
+            row = self._of(best, count)
+            around, share = row["interval"], row["conditions_changed_share"] or 0.0
+            close = around is None or around[1] - around[0] <= 2.0 * CLOSE * share
+            if close or row["areas"] == len(self.build.jobs):
+                break
+            count *= 2
+        return row or told
+
+    def _of(self, best: Setting, count: int) -> dict[str, Any]:
+        jobs = [self.build.jobs[i] for i in spread(self.build, count)]
+        sample, own = Sample(self.build, self.config, jobs), Setting("", "as configured", {})
+        measured = Measurement(sample, self.workers, math.inf)
+        found = {one.knob: outcome for one, outcome in measured.outcomes([own, best])}
+        usual, outcome = found[own.knob], found[best.knob]
+        if isinstance(usual, str) or isinstance(outcome, str):
+            raise ConfigError(str(outcome))
+        return row_of(sample, best, usual, outcome) | {"areas": len(jobs)}

@@ -1,0 +1,229 @@
+"""Rows of the table of all approximations: what an alternative gives beside the user's configuration on the same ground."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array, Mask
+from ..catalog.prediction import FREE_SHARE, VIEW_REACH_DEG
+from ..catalog.promise import kept_promise
+from ..catalog.schema import UNOCCLUDED, UNSHADOWED, evaluated
+from ..catalog.stored import StoredFile, stored_catalog
+from ..geometry.bounds import wrapped_deg
+from ..geometry.frames import direction_enu
+from ..landmarks.selection import Places, nearest
+from ..production.area_job import Candidates
+from ..production.assembly import choose
+from ..production.config import BuildConfig
+from ..production.estimate import BESIDE_S, file_bytes
+from ..production.finished_area import table_of
+from ..production.run import BuildRun, Level
+from .knobs import Measurement, Outcome, Row, Sample, Setting, ratio_interval
+from .point_changes import sigma_m, some_of, usable_points
+
+NEAR_CELLS = 2.0
+"""Cells within which two candidates are the same place: those of a point's own peak."""
+
+
+def _along(wanted: Sequence[float], given: Sequence[float], turn: float | None) -> Array:
+    """Weights (wanted, given), linear between neighbours; rows of zeros outside. ``turn``: the period."""
+    weights = np.zeros((len(wanted), len(given)))
+    for k, value in enumerate(wanted):
+        away = np.asarray(given) - value
+        away = wrapped_deg(away) if turn else away
+        if (near := np.abs(away) < 1e-6).any():
+            weights[k, np.argmax(near)] = 1.0
+            continue
+        below, above = (np.where(side, np.abs(away), np.inf) for side in (away < 0, away > 0))
+        low, high = int(np.argmin(below)), int(np.argmin(above))
+        step = below[low] + above[high]
+        if math.isfinite(step):
+            weights[k, low], weights[k, high] = above[high] / step, below[low] / step
+    return weights
+
+
+def _of_views(wanted: Any, given: Any) -> Array:
+    """Weights (wanted, given): the nearest view within reach."""
+    pairs = [
+        direction_enu(np.array(v.azimuth_deg), 90.0 - np.array(v.off_nadir_deg))
+        for v in (wanted, given)
+    ]
+    cosine = np.clip(pairs[0] @ pairs[1].T, -1.0, 1.0)
+    near = np.eye(len(given))[np.argmax(cosine, axis=1)]
+    reached = np.degrees(np.arccos(cosine.max(axis=1))) <= VIEW_REACH_DEG
+    return np.asarray(near * reached[:, None])
+
+
+@dataclass(frozen=True)
+class _Claims:
+    """Claims (n, view, elevation, azimuth) at the cells: whether there is one, its probability, and whether it is usable."""
+
+    known: Mask
+    detection: Array
+    usable: Mask
+
+    @classmethod
+    def at(cls, candidates: Candidates, own: BuildConfig, wanted: BuildConfig) -> _Claims:
+        """The claims of candidates under a configuration at the views and Suns of another."""
+        weights = (
+            _of_views(wanted.view, own.view),
+            _along(wanted.sun.elevations_deg, own.sun.elevations_deg, None),
+            _along(wanted.sun.azimuths_deg, own.sun.azimuths_deg, 360.0),
+        )
+
+        def mean(values: Array) -> Array:
+            for axis, weight in enumerate(weights, start=1):
+                values = np.moveaxis(np.tensordot(values, weight, (axis, 1)), -1, axis)
+            return values
+
+        condition = candidates.evaluation.condition
+        chance = candidates.evaluation.detection[:, 0].astype(np.float64)
+        stated = evaluated(condition) & np.isfinite(chance)
+        weight = mean(stated.astype(np.float64))
+        free = UNSHADOWED | UNOCCLUDED
+        clear = mean((stated & ((condition & free) == free)).astype(np.float64))
+        known = weight >= 0.5
+        with np.errstate(invalid="ignore", divide="ignore"):
+            detection = mean(np.where(stated, chance, 0.0)) / weight
+            usable = (
+                known
+                & (detection >= own.points.min_detection - 1e-9)
+                & (clear >= FREE_SHARE * weight - 1e-9)
+            )
+        return cls(known, np.where(known, detection, np.nan), usable)
+
+
+def _wanted(usual: BuildConfig, other: BuildConfig) -> BuildConfig:
+    """The configuration with the finer grid of views and Suns."""
+    more = len(other.view) * len(other.sun.azimuths_deg) * len(other.sun.elevations_deg)
+    return (
+        other
+        if more > len(usual.view) * len(usual.sun.azimuths_deg) * len(usual.sun.elevations_deg)
+        else usual
+    )
+
+
+def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> Row:
+    """A row of the table: a setting beside the user's configuration."""
+    before, after = usual.candidates, found.candidates
+    config, own = usual.level.recipe.config, found.level.recipe.config
+    near_m = NEAR_CELLS * config.gsd_m
+    at, away_m = nearest(
+        Places(before.lon_deg, before.lat_deg), Places(after.lon_deg, after.lat_deg)
+    )
+    here = np.flatnonzero(away_m <= near_m)
+    there = at[here]
+    wanted = _wanted(config, own)
+    old, new = (
+        _Claims.at(some_of(some, rows), of, wanted)
+        for some, rows, of in ((before, here, config), (after, there, own))
+    )
+    # Suns of a finer grid that never occur are not judged
+    judged = old.known & new.known if wanted is not config else old.known
+    changed = (old.usable != new.usable) & judged
+    by_area = np.array(
+        [
+            (changed[group].sum(), judged[group].sum())
+            for k in range(len(sample.jobs))
+            if judged[group := usual.area[here] == k].any()
+        ],
+        np.float64,
+    )
+    share = float(changed.sum() / judged.sum()) if judged.any() else None
+    shift = np.abs(old.detection - new.detection)
+    shift = shift[np.isfinite(shift)]
+    sigma = [
+        sigma_m(some, of)[rows] for some, of, rows in ((before, config, here), (after, own, there))
+    ]
+    both = (sigma[0] > 0.0) & (sigma[1] > 0.0) & np.isfinite(sigma[0]) & np.isfinite(sigma[1])
+    points = [
+        (some, choose(table_of(some, of), of)) for some, of in ((before, config), (after, own))
+    ]
+    chosen = [Places(some.lon_deg[rows], some.lat_deg[rows]) for some, rows in points]
+    worth = [usable_points(some, rows) for some, rows in points]
+    lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
+    areas_s, around_s = found.areas_s()
+    return {
+        "knob": setting.knob,
+        "value": setting.value,
+        "configured": setting.configured,
+        "default": setting.knob == "",
+        "accuracy": own.model.precision.tier,
+        "seconds": found.cpu_s,
+        "seconds_relative": areas_s / usual.areas_s()[0],
+        "seconds_interval": None,
+        "build_seconds": areas_s + BESIDE_S,
+        "build_interval": around_s and [one + BESIDE_S for one in around_s],
+        "memory_mb": found.peak_mb,
+        "bytes": file_bytes(found.level, len(chosen[1].lon_deg) / sample.share),
+        # with light by way of other ground a node in shadow is not black
+        "sunlit_error_share": found.images.sunlit_error_share
+        if found.images and own.model.bounce == config.model.bounce
+        else None,
+        "radiance_rmse": found.images.radiance_rmse if found.images else None,
+        "points": len(chosen[1].lon_deg),
+        "points_lost": lost,
+        "points_gained": gained,
+        "matched_share": len(here) / max(1, len(before)),
+        # two passes evaluate what a promise takes of the region, which some areas do not tell
+        "usable_ratio": worth[1] / max(worth[0], 1e-9)
+        if own.points.passes == config.points.passes or not own.points.promised
+        else None,
+        "conditions_changed_share": share,
+        "interval": ratio_interval(by_area),
+        "elsewhere": ratio_interval(by_area, wider=math.sqrt(2.0)),
+        "detection_change_mean": float(shift.mean()) if len(shift) else None,
+        "detection_change_max": float(shift.max()) if len(shift) else None,
+        "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,
+        "shift_cells": found.shift_px,
+        "promise_change": None,
+    }
+
+
+def rows_of(
+    measured: Measurement, usual: Outcome, wanted: Sequence[Setting], whole: Written | None
+) -> Iterator[tuple[Setting, Row | str]]:
+    """The rows of settings, or why they were not measured. ``whole``: the file of the usual catalogue, if the sample is the
+    whole build; each catalogue is then written for its promise and its size.
+    """
+    for setting, found in measured.outcomes(wanted):
+        if isinstance(found, str):
+            yield setting, found
+            continue
+        row = row_of(measured.sample, setting, usual, found)
+        if whole and setting.knob:
+            row |= Written.of(found.level, measured.sample).beside(whole)
+        yield setting, row
+
+
+@dataclass(frozen=True)
+class Written:
+    """The file of a whole build: the share of its promise that it keeps, None without a promise, and its size."""
+
+    kept_share: float | None
+    bytes: int
+
+    @classmethod
+    def of(cls, level: Level, sample: Sample) -> Written:
+        """Build a level and write it to a temporary file."""
+        with tempfile.TemporaryDirectory() as folder:
+            output = Path(folder, "c.h5")
+            build = dataclasses.replace(sample.build, levels=(level,))
+            BuildRun(build, output, jobs=2, advises=False).whole()
+            kept = kept_promise(stored_catalog(StoredFile.of(output)))
+            share = float(kept["kept_share"]) if kept else None
+            return cls(share, output.stat().st_size)
+
+    def beside(self, usual: Written) -> Row:
+        """What a row says of it beside the usual one."""
+        mine, theirs = self.kept_share, usual.kept_share
+        change = None if mine is None or theirs is None else mine - theirs
+        return {"promise_change": change, "bytes": self.bytes}
