@@ -164,13 +164,10 @@ class Run:
 
     @property
     def workers(self) -> int:
-        """Number of processes, by default that of the processor cores that this process may use, which a batch
-        system can limit.
-        """
-        if self.jobs is not None:
-            return self.jobs
-        limited = hasattr(os, "sched_getaffinity")
-        return len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
+        """Number of processes, by default that of the processor cores (`threads.cores`)."""
+        from lcp_catalog.threads import cores
+
+        return self.jobs or cores()
 
 
 mode_options = collected(

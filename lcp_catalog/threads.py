@@ -13,6 +13,12 @@ from types import ModuleType, TracebackType
 import numba
 
 
+def cores() -> int:
+    """Processor cores that this process may use, which a batch system can limit."""
+    limited = hasattr(os, "sched_getaffinity")
+    return len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
+
+
 def thread_limit() -> int:
     """Greatest number of threads for the kernels in this process: ``NUMBA_NUM_THREADS`` at the
     start of numba, else the number of cores.

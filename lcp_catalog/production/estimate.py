@@ -52,6 +52,17 @@ BESIDE_S = 2.3
 """Processor time of a build besides its areas: imports, plan, kernels that are read, processes, and `FINISH_S` (builds of 10 and
 20 km of the sample, one and two jobs: 2.3 to 2.9 s in all, 2b1335ac, 2026-11-27)."""
 
+APART_S = 3.2
+"""Processor time that a build in several processes takes besides: imports of the one that they are forked from, and what each of
+them loads (1.4 times what `BESIDE_S` was there; 30 and 90 km of the sample, two and four jobs, e94c45d2, 2026-11-28, load 10).
+"""
+
+
+def beside_s(jobs: int) -> float:
+    """Processor time of a build besides its areas, with a number of processes."""
+    return BESIDE_S + (APART_S if jobs > 1 else 0.0)
+
+
 FIRST_S = 0.5
 """Greatest time that the first area of a process takes longer than others, for compiled kernels that are
 read (0.2 to 0.3 s). It is measured; kernels that are not compiled yet are not counted: the plan leaves them

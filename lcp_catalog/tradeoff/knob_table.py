@@ -30,7 +30,7 @@ KNOBS_EXPLAINED = (
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
     + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
-    f" (worth; a dash: {NOT_COMPARED}, for `--areas all` tells the promise)."
+    f" (worth; a dash: {NOT_COMPARED}; all areas tell the promise)."
 )
 
 
@@ -86,6 +86,10 @@ def best_said(trade: Trade) -> list[str]:
     said = []
     if asked.seconds and best["build_seconds"] > asked.seconds:
         said += [f"The budget of {number(asked.seconds, 3)} s is not reached by what was measured."]
+        if asked.seconds <= best["build_start_seconds"]:
+            said[0] += (
+                f" Without its areas a build takes {number(best['build_start_seconds'], 2)} s."
+            )
     if trade.untried:
         said += [
             f"{trade.untried} alternative{'s' * (trade.untried != 1)} that it could take "
@@ -120,7 +124,10 @@ def best_said(trade: Trade) -> list[str]:
 def _build_time(row: Row) -> str:
     around = row["build_interval"]
     between = f" ({number(around[0], 3)} to {number(around[1], 3)})" if around else ""
-    return f"{number(row['build_seconds'], 3)} s{between} for the whole build with its start, without cures that are tried for a promise"
+    return (
+        f"{number(row['build_seconds'], 3)} s{between} of processor time for the whole build in {row['build_jobs']} job{'s' * (row['build_jobs'] != 1)}, "
+        "with its start, without cures that are tried for a promise"
+    )
 
 
 def _elsewhere(row: Row) -> list[str]:

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..errors import ConfigError
-from ..production.estimate import BESIDE_S
 from .knobs import Row, Setting
 
 SAVING = 0.03
@@ -51,14 +50,15 @@ def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     """
     usual, usual_s = rows[0], statistics.median(baseline_s)
     factor, around_s = usual_s / usual["seconds"], usual["build_interval"]
-    areas_s = (usual["build_seconds"] - BESIDE_S) * factor
+    start_s = usual["build_start_seconds"]
+    areas_s = (usual["build_seconds"] - start_s) * factor
     usual |= {
         "seconds": usual_s,
-        "build_seconds": areas_s + BESIDE_S,
-        "build_interval": around_s and [(one - BESIDE_S) * factor + BESIDE_S for one in around_s],
+        "build_seconds": areas_s + start_s,
+        "build_interval": around_s and [(one - start_s) * factor + start_s for one in around_s],
     }
     for row in rows:
-        row["seconds_relative"] = (row["build_seconds"] - BESIDE_S) / areas_s
+        row["seconds_relative"] = (row["build_seconds"] - row["build_start_seconds"]) / areas_s
         row["seconds_interval"] = [
             row["seconds_relative"] * usual_s / one for one in (max(baseline_s), min(baseline_s))
         ]
@@ -78,8 +78,9 @@ def proposal(
         for setting, row in rows
         if setting.turned and row["conditions_changed_share"] is not None and keeps_enough(row)
     ]
-    areas_s = usual["build_seconds"] - BESIDE_S
-    factor = max(0.0, budget_s - BESIDE_S) / areas_s if budget_s else 0.0
+    start_s = usual["build_start_seconds"]
+    areas_s = usual["build_seconds"] - start_s
+    factor = max(0.0, budget_s - start_s) / areas_s if budget_s else 0.0
     if factor >= 1.0:
         return _finer_ones(some, factor, noise)
     taken: dict[str, Setting] = {}
@@ -120,7 +121,8 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
     time_ = math.prod(row["seconds_relative"] for row in rows)
     wrong = sum(row["conditions_changed_share"] for row in rows)
     told = {"knob": "together", "value": "; ".join(f"{r['knob']}: {r['value']}" for r in rows)}
-    build_s = (usual["build_seconds"] - BESIDE_S) * time_ + BESIDE_S
+    start_s = usual["build_start_seconds"]
+    build_s = (usual["build_seconds"] - start_s) * time_ + start_s
     times_ = {
         "seconds": usual["seconds"] * time_,
         "seconds_relative": time_,
@@ -162,6 +164,8 @@ def together(chosen: Sequence[Setting]) -> Setting:
 
 def require_one(budget_s: float | None, error: float | None, limit_s: float = math.inf) -> None:
     """ConfigError for a budget of both time and error, for one that is not positive, or without time for alternatives."""
+    if not limit_s >= 0.0:
+        raise ConfigError("a time limit must be at least 0")
     if limit_s == 0.0 and (budget_s is not None or error is not None):
         raise ConfigError(
             "a budget or a greatest error needs a time limit above 0, within which alternatives are measured"

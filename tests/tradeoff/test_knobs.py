@@ -119,7 +119,7 @@ def test_rows_are_the_contracts_and_count_what_changes(found: Trade, build: Buil
                 low <= row[value] <= high
                 for low, high in zip(limits[::2], limits[1::2], strict=True)
             )
-        assert row["build_seconds"] > BESIDE_S
+        assert row["build_seconds"] > row["build_start_seconds"] >= BESIDE_S
 
 
 def test_an_interval_is_that_of_the_share_of_all_areas() -> None:
@@ -296,6 +296,8 @@ def _row(relative: float, error: float) -> dict[str, Any]:
         "bytes": 1000,
         "memory_mb": 300.0,
         "build_seconds": 100.0,
+        "build_start_seconds": BESIDE_S,
+        "build_jobs": 1,
     }
 
 
@@ -384,9 +386,10 @@ def test_times_are_over_the_median_of_runs_between(
             "default": True,
             "seconds": 9.0,
             "build_seconds": 90.0 + BESIDE_S,
+            "build_start_seconds": BESIDE_S,
             "build_interval": around,
         },
-        {"default": False, "seconds": 11.0, "build_seconds": 110.0 + BESIDE_S},
+        {"default": False, "seconds": 11.0, "build_seconds": 115.0, "build_start_seconds": 5.0},
     ]
     relative(rows, [9.0, 10.0, 12.5])
     assert rows[0]["seconds_relative"] == 1.0
@@ -539,6 +542,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     assert knob_table.knobs_said(some).endswith(" ".join(said))
     late = dataclasses.replace(some, budget=Budget(seconds=0.1))
     assert knob_table.best_said(late)[0].startswith("The budget of 0.1 s is not reached")
+    assert "Without its areas a build takes" in knob_table.best_said(late)[0]
     none = dataclasses.replace(some, best_row=row | {"value": ""}, untried=0)
     (only,) = knob_table.best_said(none)
     assert "nothing measured saves time for certain and changes at most 5 %" in only
@@ -632,7 +636,22 @@ def test_names_in_the_chart_cover_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [(1.0, 0.1, 9.0), (0.0, None, 9.0), (None, 2.0, 9.0), (1.0, None, 0.0)]
+    "given",
+    [
+        (1.0, 0.1, 9.0),
+        (0.0, None, 9.0),
+        (None, 2.0, 9.0),
+        (1.0, None, 0.0),
+        (None, None, -1.0),
+        *(
+            (one, other, limit)
+            for one, other, limit in [
+                (math.nan, None, 9.0),
+                (None, math.nan, 9.0),
+                (None, None, math.nan),
+            ]
+        ),
+    ],
 )
 def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None, float]) -> None:
     with pytest.raises(ConfigError):
