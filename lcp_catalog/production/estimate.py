@@ -50,7 +50,7 @@ FINISH_S = 0.3
 
 BESIDE_S = 2.3
 """Processor time of a build besides its areas: imports, plan, kernels that are read, processes, and `FINISH_S` (builds of 10 and
-20 km of the sample, one and two jobs: 2.3 to 2.9 s in all, 2b1335ac, 2026-11-27)."""
+20 km of the sample, in one process: 2.3 to 2.9 s in all, 2b1335ac, 2026-11-27)."""
 
 APART_S = 3.2
 """Processor time that a build in several processes takes besides: imports of the one that they are forked from, and what each of
