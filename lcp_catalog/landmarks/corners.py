@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Float32, Index, Mask
+from ..arrays import Array, Float32, Index, Mask
 from .localization import HARRIS_K
 
 _HIGH_PERCENTILE = 99.0
@@ -37,6 +38,42 @@ GROUP_EXTRA = 2
 """Most candidates in a cell besides the best of all conditions."""
 
 
+@dataclass(frozen=True, eq=False)
+class MissingNodes:
+    """Missing nodes (rows, cols) of images, and how many valid nodes the ``size``-wide box around each holds: those of one
+    view are the same under all Suns.
+    """
+
+    missing: Mask
+    size: int
+
+    @cached_property
+    def at(self) -> tuple[Index, Index]:
+        """Rows and columns (n,) of the missing nodes."""
+        rows, cols = np.nonzero(self.missing)
+        return rows, cols
+
+    @cached_property
+    def count(self) -> Array:
+        """Valid nodes (n,) in the box around each."""
+        return np.rint(self._sums((~self.missing).astype(np.float32)))
+
+    def fill(self, image: Float32) -> None:
+        """`fill_missing` of an image with these missing nodes, in place."""
+        image[self.at] = 0.0
+        found = self._sums(image) / np.maximum(self.count, 1.0)
+        if not self.count.all():
+            valid = max(image.size - self.count.size, 1)
+            found[self.count == 0.0] = image.sum(dtype=np.float64) / valid
+        image[self.at] = found
+
+    def _sums(self, values: Float32) -> Array:
+        """Sums (n,) over the boxes around the missing nodes; beyond the border is 0."""
+        box, border = (self.size, self.size), cv2.BORDER_CONSTANT
+        sums = cv2.boxFilter(values, cv2.CV_64F, box, normalize=False, borderType=border)
+        return np.asarray(sums[self.at], np.float64)
+
+
 def fill_missing(image: Float32, size: int) -> Float32:
     """The image if it is complete, else a copy whose NaN nodes hold the mean of the valid nodes in the
     ``size``-wide box around them.
@@ -45,20 +82,8 @@ def fill_missing(image: Float32, size: int) -> Float32:
     """
     if np.isfinite(image.sum()):
         return image
-    missing = ~np.isfinite(image)
-    filled = np.where(missing, np.float32(0.0), image)
-    if missing.all():
-        return filled
-    rows, cols = np.nonzero(missing)
-    total, count = (
-        cv2.boxFilter(z, cv2.CV_64F, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)[
-            rows, cols
-        ]
-        for z in (filled, (~missing).astype(np.float32))
-    )
-    count = np.rint(count)
-    overall = filled.sum(dtype=np.float64) / (image.size - len(rows))
-    filled[rows, cols] = np.where(count > 0, total / np.maximum(count, 1.0), overall)
+    filled = image.copy()
+    MissingNodes(~np.isfinite(image), size).fill(filled)
     return filled
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..arrays import AnyArray, Array, Bytes, Float32, Index, Mask
 from ..catalog.schema import EVALUATED, LOCALIZABLE, UNIQUE, UNOCCLUDED, UNSHADOWED
 from ..geometry.ellipses import error_ellipses
-from ..landmarks.corners import Part, fill_missing
+from ..landmarks.corners import MissingNodes, Part
 from ..landmarks.detection import (
     LEAST_CORRELATION,
     SPREAD_NODES,
@@ -310,6 +310,8 @@ class _Judge:
         self.errors = errors
         self.result, self.scales = result, config.points.scales
         self.whole_search = config.model.precision.whole_search
+        self._casts: dict[tuple[int, int], tuple[Float32, Mask]] = {}
+        self._gaps: dict[int, MissingNodes] = {}
 
     def views(self, views: Index) -> None:
         """Write the results of the given views, at least one."""
@@ -347,10 +349,12 @@ class _Judge:
         rows, cols, half = light.rows, light.cols, light.half
         conditions, count = images.conditions, len(images.conditions)
         suns, own_sun = np.unique(conditions[:, 1:], axis=0, return_inverse=True)
-        found = [
-            light.shadow_dependence(elevation, azimuth) for elevation, azimuth in suns.tolist()
-        ]
-        shares, casts = zip(*found, strict=True)
+        known = self._casts  # a Sun's views may be in several batches
+        self._casts = {
+            (up, at): known.get((up, at)) or light.shadow_dependence(up, at)
+            for up, at in suns.tolist()
+        }
+        shares, casts = zip(*self._casts.values(), strict=True)
         own_sun, cast = own_sun.ravel(), np.stack(casts)
         at = (slice(None), *conditions.T)
         result.shadow_dependence[at] = np.stack(shares)[own_sun].T
@@ -365,7 +369,7 @@ class _Judge:
         # hidden nodes: filled from their surroundings they have no texture, and they count as unlit
         size = 2 * half + 1
         blur_px = _given(points.point_spread_px, POINT_SPREAD_PX)
-        filled = images.radiance if images.complete else _filled(images.radiance, size)
+        filled = images.radiance if images.complete else self._filled(images, size)
         radiance, slopes = filled, images.slopes
         whole = Items.all(count, rows, cols, half)
         own = whole.of(filled)
@@ -394,6 +398,17 @@ class _Judge:
                 if len(good) < len(level):
                     patches = patches.some(good)
                 self._judge(slot, conditions, patches)
+
+    def _filled(self, images: RenderedImages, size: int) -> Float32:
+        """The images (k, rows, cols) without missing nodes (`corners.fill_missing`). Those of a view are found once as long as
+        they are the same."""
+        filled = images.radiance.copy()
+        for view, image in zip(images.conditions[:, 0].tolist(), filled, strict=True):
+            missing = ~np.isfinite(image)
+            if view not in self._gaps or not np.array_equal(self._gaps[view].missing, missing):
+                self._gaps[view] = MissingNodes(missing, size)
+            self._gaps[view].fill(image)
+        return filled
 
     def _changes(
         self,
@@ -471,11 +486,6 @@ class _Judge:
             result.false_match[own] = chances.false_match
             for values, flag in ((chances.located, LOCALIZABLE), (chances.detection, UNIQUE)):
                 result.condition[own] |= _flagged(values >= points.min_detection, flag)
-
-
-def _filled(images: Float32, size: int) -> Float32:
-    """Images (k, rows, cols) through `fill_missing`."""
-    return np.stack([fill_missing(image, size) for image in images])
 
 
 class _Chances(NamedTuple):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from lcp_catalog.landmarks.corners import (
     GROUP_EXTRA,
     GROUP_GAIN,
+    MissingNodes,
     Persistence,
     _percentiles,
     candidates,
@@ -146,6 +147,11 @@ def test_missing_nodes_have_the_mean_of_their_box(size: int, gaps: int):
         known = box if np.isfinite(box).any() else image
         assert filled[r, c] == pytest.approx(np.nanmean(known, dtype=np.float64), rel=1e-6)
     assert np.array_equal(filled[np.isfinite(image)], image[np.isfinite(image)])
+    known = MissingNodes(np.isnan(image), size)
+    for factor in (1.0, 0.5):  # other images with the same gaps
+        again = image * np.float32(factor)
+        known.fill(again)
+        assert np.array_equal(again, filled * np.float32(factor))
 
 
 def moving_shadow(step):

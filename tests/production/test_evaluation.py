@@ -251,6 +251,32 @@ def test_a_kind_of_images_moves_the_probabilities_by_probits():
     assert np.isfinite(up.false_match[again]).all()
 
 
+def test_what_the_views_of_a_sun_share_is_computed_once_and_is_the_same_image_by_image(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three views, two of which hide nodes, of ground with shadows that fall into patches."""
+    views = ViewConfig((0.0, 50.0, 50.0), (0.0, 90.0, 270.0), (math.inf,) * 3)
+    config = dataclasses.replace(CONFIG, view=views)
+    z = ground(3, sigma=6.0)
+    z[:, 52:55] += 60.0
+    together = judged(z, config=config, at=((30, 40), (36, 42)))
+    suns: list[tuple[int, int]] = []
+    traced = PatchLight.shadow_dependence
+
+    def counted(light: PatchLight, *sun: int) -> tuple[np.ndarray, np.ndarray]:
+        suns.append(sun)
+        return traced(light, *sun)
+
+    monkeypatch.setattr(evaluation, "_BATCH_NODES", 1)
+    monkeypatch.setattr(PatchLight, "shadow_dependence", counted)
+    alone = judged(z, config=config, at=((30, 40), (36, 42)))
+    assert len(suns) == len(set(suns)) == together.condition[0, 0].size
+    for field in dataclasses.fields(alone):
+        np.testing.assert_array_equal(getattr(alone, field.name), getattr(together, field.name))
+    assert (together.shadow_dependence > 0.0).any()
+    assert (together.occlusion_dependence[:, 1:] > 0.0).any()
+
+
 def test_flat_and_dark_patches_are_found_nowhere():
     """A plain, and a patch in the shadow of a wall."""
     plain = judged(np.zeros((81, 81)))
