@@ -217,13 +217,13 @@ def _mark(row: Row, at: tuple[float, float]) -> Markup:
 _WIDE_PX, _LEFT_PX = 820.0, 92.0
 """Width of the chart of all approximations and of what is left of its axis, units of the chart."""
 
-_LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 12.0, 4.0
+_LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 14.0, 4.0
 """Greatest mean width of a letter of a name, its height, and the radius of a mark, in units of the chart."""
 
 _BESIDE_PX = 10.0
 """From the middle of a mark to its name."""
 
-_AWAY_PX = 0.0, -11.0, 11.0, -22.0, 22.0, -33.0, 33.0
+_AWAY_PX = 0.0, -13.0, 13.0, -26.0, 26.0, -39.0, 39.0
 """Heights beside a mark at which there may be place for its name."""
 
 

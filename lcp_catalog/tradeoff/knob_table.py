@@ -48,11 +48,17 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ),
     ("time, relative", _time),
     ("conditions changed", changed_share),
-    ("lost / gained", lambda r: f"{r['points_lost']} / {r['points_gained']}"),
-    ("points", lambda r: str(r["points"])),
+    (
+        "points (lost, gained)",
+        lambda r: f"{r['points']} ({r['points_lost']}, {r['points_gained']})",
+    ),
     ("worth of points", lambda r: number_or_dash(r["usable_ratio"], 3)),
-    ("probability: mean", lambda r: number_or_dash(r["detection_change_mean"])),
-    ("greatest change", lambda r: number_or_dash(r["detection_change_max"])),
+    (
+        "change of probability (greatest)",
+        lambda r: (
+            f"{number_or_dash(r['detection_change_mean'])} ({number_or_dash(r['detection_change_max'])})"
+        ),
+    ),
     ("whole build, s", lambda r: number(r["build_seconds"], 3)),
     ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
     ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
@@ -72,10 +78,10 @@ def knob_cells(rows: list[Row]) -> tuple[list[str], list[list[str]]]:
     ]
 
 
-def knobs_said(trade: Trade) -> str:
-    """What was measured, and what to take for the budget, in one paragraph."""
+def knobs_said(trade: Trade) -> list[str]:
+    """What was measured, and what to take for the budget, in sentences."""
     said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured."
-    return " ".join([said, *best_said(trade)])
+    return [said, *best_said(trade)]
 
 
 def best_said(trade: Trade) -> list[str]:
@@ -143,15 +149,15 @@ def _elsewhere(row: Row) -> list[str]:
         if far
         else "How many change on other ground this does not say: measure there."
     )
-    share = "The time there is this share of what a plan of your configuration states."
-    return [*said, f"{limit} {share}"]
+    share = times(row["seconds_relative"])
+    return [*said, f"{limit} Areas there take {share} of what a plan of your configuration states."]
 
 
 def knobs_markdown(trade: Trade) -> list[str]:
     """Lines of the table of all approximations; none if they were not measured."""
     if not trade.rows:
         return []
-    lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", knobs_said(trade), ""]
+    lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", " ".join(knobs_said(trade)), ""]
     names, rows = knob_cells(trade.rows)
     lines += [f"| {' | '.join(names)} |", "| --- | --- |" + " ---: |" * (len(names) - 2)]
     lines += [f"| {' | '.join(cells)} |" for cells in rows]
