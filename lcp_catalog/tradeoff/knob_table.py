@@ -40,6 +40,11 @@ def _time(row: Row) -> str:
     return times(row["seconds_relative"]) + around
 
 
+def _probabilities(row: Row) -> str:
+    mean, greatest = row["detection_change_mean"], row["detection_change_max"]
+    return f"{number_or_dash(mean)} ({number_or_dash(greatest)})"
+
+
 KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("approximation", lambda r: r["knob"] or "your configuration"),
     (
@@ -115,7 +120,7 @@ def best_said(trade: Trade) -> list[str]:
         places = f" of places in both; {NOT_COMPARED}"
     elif best["areas"]:
         places = (
-            f" of places in both; of {best['points'] - gained + lost} points {lost} are lost, {gained} gained, "
+            f" of places in both; of {best['points'] - gained + lost} points {lost} {'is' if lost == 1 else 'are'} lost, {gained} gained, "
             f"in all worth {best['usable_ratio']:.2f} of them (by the usable share of their conditions)"
         )
     else:

@@ -273,7 +273,7 @@ def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
     assert found.best_row["knob"] == "together"
     table = "\n".join(knob_table.knobs_markdown(found))
     assert "your configuration" in table
-    gone = f"{found.best_row['points_lost']} are lost, {found.best_row['points_gained']} gained"
+    gone = f"lost, {found.best_row['points_gained']} gained"
     assert (gone in table) == bool(found.best_row["value"])
     assert "impossible, cell" in table
     assert not charts.knobs_chart([found.rows[0] | {"conditions_changed_share": None}])
