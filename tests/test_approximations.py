@@ -83,7 +83,7 @@ APART = {
 
 RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views", "kept_ground"
 
-FUNCTIONS = {"kernels.resampling.heights.sample"}
+FUNCTIONS = {"kernels.resampling.heights.sample", "light.bounced_light.bounced_at_points"}
 """Approximations that no constant marks; numbers within functions: `test_literals`."""
 
 NO_APPROXIMATIONS = {
@@ -97,7 +97,9 @@ NO_APPROXIMATIONS = {
         "_ELEVATION_LIMIT_M _ELLIPSE_PX _FEW_VALUES _GRATICULE_DEG _JSON_DEPTH _LIGHT "
         "_HALF_LETTER_PX _MAP_NODES _MAP_POINTS _MAP_PX _MARGIN_PX _MOST_NODES _NEAR _PLACE_TOLERANCE_M "
         "_POINTS_AT_ONCE _ROTATION_TOLERANCE _SECONDS _SECONDS_PER_MB _SIGMA_RATIO _TEXT_BYTES "
-        "_TOPS_DEG _TOUCHING _TURNS _UNREACHED _WAITING_BYTES _WHOLE_BYTES"
+        "_TOPS_DEG _TOUCHING _TURNS _UNREACHED _WAITING_BYTES _WHOLE_BYTES "
+        # 2 to 4: axes of a variable, level of compression
+        "FIXED _DEFLATE"
     ),
     "dem": (
         # error models of products: published or fitted, overruled by `errors.height_sigma_m`, `--map-sigma` and maps
@@ -118,7 +120,9 @@ NO_APPROXIMATIONS = {
         # tables of whole numbers
         "GAP GDAL_CACHE_BYTES INK LIMIT_BYTES PAPER PRODUCT_COLOURS TILES _CACHED_PIXELS "
         "_EDGE_POINTS _EDGE_POINTS_OF_SIDE _HATCH _HEAD_BYTES _HIGH _MANY _MARGIN _PACKED "
-        "_POLAR _SWATCH _WIDE _XML_BYTES"
+        "_POLAR _SWATCH _WIDE _XML_BYTES "
+        # 2 to 4: windows read or kept, the least side, steps and rounds of a measurement
+        "ACROSS DOWN REACH RECENT _MARGIN _ROUNDS _SIDE_MIN"
     ),
     "kernels": (
         # values of single precision, guards against rounding, numbers of results and of what is done at once
@@ -135,24 +139,30 @@ NO_APPROXIMATIONS = {
         "BEYOND PART_DEG _APART _AT32 _FARTHEST_PX _FEWEST _LAGS _LAST_STEP_PX _LONGER _MISMATCH "
         "_NEAR_ZENITH_DEG _SAFETY _SETTLED_PX _SIGMAS _SURE _WEIGHTS32 _WHOLE_WEIGHTS points._MARGIN "
         # tables of whole numbers
-        "POLAR_COS POLAR_SIN SIGMA_C SIGMA_P U_P V_P"
+        "POLAR_COS POLAR_SIN SIGMA_C SIGMA_P U_P V_P "
+        # 2 to 4: codes of laws, sums in registers, fields of a product, the level where a ray starts
+        "CAMERA_LEVEL FIELDS HAPKE LUNAR_LAMBERT MINNAERT PAIRS matching.template_products._FEW _ROWS _STRIP _TILE"
     ),
     "landmarks": (
-        "AMBIGUOUS BLOCK BOUND_WORK COMMON_VARIANCE CONTRASTS EXCHANGE_MAX EXCLUSION_PX GATE "
-        "FARTHEST_PX FEWEST GROUP_GAIN HARRIS_K ID_ROWS MOST_POINTS MOST_SLACK_PX MOST_UNITS NODES RING RIVAL_Z "
+        "AMBIGUOUS BLOCK BOUND_WORK COMMON_VARIANCE CONTRASTS EXCLUSION_PX GATE "
+        "FARTHEST_PX FEWEST GROUP_GAIN HARRIS_K ID_ROWS MOST_POINTS MOST_SLACK_PX NODES RING RIVAL_Z "
         "SIGNIFICANT TYPICAL_CONTRAST UNITS_MAX WEIGHTS WRONG "
         "_CERTAIN _EXPONENTS _FIRM_PX _FLAT _GAIN _HIGH_PERCENTILE _LEAST_COSINE _LEAST_HEIGHT "
         "_LEAST_PERCENT _LEAST_SLOPE_SIGNAL _LEAST_VARIANCE _LOST _NEEDED _NEGLIGIBLE "
         "_POSITION_M _PROBITS_OF_SEARCH _REACH_PX _ROUNDING _SIGMA_PX _SPREAD _TOLERANCE_PX _Z "
         # tables of whole numbers
-        "BOUND_STEPS _ID_STRIDE"
+        "BOUND_STEPS _ID_STRIDE "
+        # 2 to 4: unknowns of a camera, candidates of a cell, stages, places of a part
+        "GROUP_EXTRA SPARE_STAGE USABLE_STAGE _MINIMAL _PLACES_LEFT"
     ),
     "light": (
-        "CLEAR_SKY_RATIO DARKEST_SHARE EARTH_ALBEDO EARTH_RADIUS_M HIGH_DEG LAST_PHASE_DEG "
-        "MEAN_DISTANCE_M MOST_SOURCES SEGMENT_DEG WIDEST_DEG _FLAT _FULL_SCALE _GOLDEN _J2000 "
+        "CLEAR_SKY_RATIO DARKEST_SHARE EARTH_RADIUS_M HIGH_DEG "
+        "MOST_SOURCES SEGMENT_DEG WIDEST_DEG _FLAT _FULL_SCALE _GOLDEN _J2000 "
         "_LOWEST_DEG _NEVER_UP_RAD _ROUNDING_DEG _SHIFTS _TAIL _WHITE_PERCENTILE "
         # tables of whole numbers
-        "CHUNK _BLOCK_NODES _RANGE_PIXELS _RAYS"
+        "CHUNK _BLOCK_NODES _RANGE_PIXELS _RAYS "
+        # 2 to 4: pixels of a plateau
+        "_FLAT_PIXELS"
     ),
     "photometry": (
         "ALBEDO BOUNDS DISCS INTERVALS LAMBERT_ALBEDO LARGEST_EMISSION_DEG LEAST_POINTS LIMITS "
@@ -161,7 +171,9 @@ NO_APPROXIMATIONS = {
         "_GAIN _GAP_DEG _LEVEL_DEG _NO_CONTRAST _PER_SIGMA _QUADRATURE _QUADRATURE _RANGES "
         "_SAMPLE_NODES _STARTS _STEPS _SWEEPS _THETA_DEG _UNIT "
         # tables of whole numbers
-        "TABLE_2_LOST"
+        "TABLE_2_LOST "
+        # 2 to 4: starts of a fit that are refined: as good as five
+        "_REFINED"
     ),
     "production": (
         "AREAS_MAX AREA_NODES_MIN BANDS_DEG CONDITIONS_MAX COVERAGE_BYTES COVERAGE_CELLS "
@@ -175,7 +187,9 @@ NO_APPROXIMATIONS = {
         "_SAMPLED _SAMPLES _SHORT _SHOWN _SLACK_RAD _TOGETHER _WORST "
         # tables of whole numbers
         "BLOCK_BYTES SEARCH_MAX_NODES SPACING_MIN_NODES _DISC _DISCS _EVALUATED _RANK "
-        "_READ_BYTES _SMALL_BYTES"
+        "_READ_BYTES _SMALL_BYTES "
+        # 2 to 4: fields of a table, borders, groups of Suns
+        "CORNER_BORDER SECTORS SITE _PARTS"
     ),
     "rendering": (
         "DISC_SHIFT DISC_SHIFT_DEG NORMAL_ROUNDING_RAD PROBES_MOST RING_MAX_M SIZE_MAX_KM STORED "
@@ -183,13 +197,17 @@ NO_APPROXIMATIONS = {
         "_FACING _GAMMA _MARGIN _NODES _RADIUS_UP _SAMPLES _SAMPLES _SHAPE _SLOPE_NODES _TURNS "
         "_WHITE_PERCENTILE "
         # tables of whole numbers
-        "_BLOCK_PIXELS _CHUNK _CORNERS_AT_ONCE _PIXELS_AT_ONCE _RUNGS"
+        "_BLOCK_PIXELS _CHUNK _CORNERS_AT_ONCE _PIXELS_AT_ONCE _RUNGS "
+        # 2 to 4: least side of a block
+        "_CELLS_LEAST"
     ),
     "terrain": (
         "BLOCK_ROWS CELL_PER_RESOLUTION LOCAL_MAX_DEG OFF_SHARE STEEPEST _BLOCK_NODES _EDGE "
         "_ITERATIONS _LEAST_STRIDE _LIMB _NODES_MAX _PLACES _ROUNDING _SLACK_OCTAVES _TOLERANCE_M "
         # tables of whole numbers
-        "_BLOCK _BLOCKS"
+        "_BLOCK _BLOCKS "
+        # 2 to 4: a level of a pyramid
+        "_TILE"
     ),
     "matching": (
         # method of a search in an image and of a fix: what is accepted is judged by its number of false alarms
@@ -205,6 +223,8 @@ NO_APPROXIMATIONS = {
         "_REACH_PX _ROUNDS _ROUNDS _SEEN_DEG _SETS _SMALLEST_PX _SMOOTH_DEG _SMOOTH_FROM_DEG "
         "_SMOOTH_OVER_DEG _STEPS _STILL _SUB _SURE_SHARE _TELLS _TURN_SIGMAS _UP "
         "_WIDEST_PX _WIDEST_PX "
+        # 2 to 4: passes that end when nothing moves, what is tried first
+        "SIDEWAYS_DEG _GLANCE _PASSES _ROUGH _SUN_PX"
     ),
     "cameras": (
         # limits of files, steps of iterations that end at a tolerance, what a warning says, blocks
@@ -213,12 +233,16 @@ NO_APPROXIMATIONS = {
         "_DEEPEST_M _DOWN_DEG _ENDS_S _GRID _JUMP _KNOTS _MEAN_EARTH _MEAN_EARTH _MOST_STEPS "
         "_NAC _NEAREST _NO_TERM _OFF_CENTRE _RADIUS_TOLERANCE _RECORD _ROTATION_TOLERANCE _ROWS "
         "_SAME _SKEWEST _SPARE _STEPS _SUN_M _TOLERANCE _TURNED_ROUND_RAD _UNIT _UNITS_M "
-        "_UNIT_TOLERANCE _UP _VELOCITY_M _VELOCITY_SHARE _WIDEST_DEG _WINDOWS"
+        "_UNIT_TOLERANCE _UP _VELOCITY_M _VELOCITY_SHARE _WIDEST_DEG _WINDOWS "
+        # 2 to 4: what a warning names, units of keywords
+        "KEYWORDS _MOST"
     ),
     "navigation": (
         # drawings, limits of files, blocks
         "FIRST_SIGMAS FRAMES FRAMES_MAX NUMBERS_SHOWN PAIRS_AT_ONCE PROMISED WHOLE _BOTTOM _COUNTS _DRAWN _FIELD_DEG _GRID _HEIGHT "
-        "_LEFT _LOW_DEG _MOSTLY _RIGHT _TICKS _TOP _UNITS _UNIT_TOLERANCE _WIDTH _WIDTH"
+        "_LEFT _LOW_DEG _MOSTLY _RIGHT _TICKS _TOP _UNITS _UNIT_TOLERANCE _WIDTH _WIDTH "
+        # 2 to 4: what a message names, points of a position
+        "LEAST_POINTS _NAMED"
     ),
     "geometry": (
         # limits of maps
@@ -229,16 +253,22 @@ NO_APPROXIMATIONS = {
         "ALONE_S DEPENDENT GAP_S NONE NO_SUN PLATES_MAX STEPS TILE_POINTS _ANGLES _ARCSECOND "
         "_BLOCK_BYTES _CENTURY_S _DEGREE _FINE_SCALE _INDEX _LARGEST _LONGEST_S _LONGEST_S "
         "_MOON _MOST_MB _NAMES _NODES _RECORD _ROOM_BYTES _SIDE _UNKNOWN _VOXELS_AND_LISTS "
-        "_WORK"
+        "_WORK "
+        # 2 to 4: fields and scales of formats
+        "_COARSE_SCALE _HEAD"
     ),
     "simulation": (
         # limits of a detector, blocks
-        "BITS_MAX BLUR_MAX_PX BRIGHT_PERCENTILE BRIGHT_SHARE _LIT_SHARE _RAYS_AT_ONCE _SHARP_PX"
+        "BITS_MAX BLUR_MAX_PX BRIGHT_PERCENTILE BRIGHT_SHARE _LIT_SHARE _RAYS_AT_ONCE _SHARP_PX "
+        # 2 to 4: limits of a default that an option replaces
+        "SAMPLES_LEAST SAMPLES_MOST"
     ),
     "images": (
         # limits of files, codes of formats, blocks
         "DEEP_SHARE LEAST_DEPTH_M LEAST_RELIEF_M LONGEST_SPAN_S PLATEAU_FACTOR PLATEAU_LEAST "
-        "_FLOAT_CODES _INTEGER_CODES _MOST_PIXELS _WINDOWS _WINDOW_PX"
+        "_FLOAT_CODES _INTEGER_CODES _MOST_PIXELS _WINDOWS _WINDOW_PX "
+        # 2 to 4: pixels beside a plateau
+        "PLATEAU_NEIGHBOURS"
     ),
     "ephemeris": (
         # calendars, decimals that are shown, limits
@@ -246,7 +276,7 @@ NO_APPROXIMATIONS = {
         "_AHEAD_OF_TAI_S _CHUNK _SECONDS"
     ),
 }
-"""Other constants of floating point, and whole numbers above 4; a new one belongs here, once for each module
+"""Other constants of floating point, and whole numbers above 1; a new one belongs here, once for each module
 that has it, or in the registry."""
 
 CONFIG = BuildConfig().replaced(
@@ -282,13 +312,16 @@ def decided() -> set[str]:
 
 
 def constants(source: str) -> set[str]:
-    """Names at the top of a module whose values hold a number of floating point, or a whole number above 4."""
+    """Names at the top of a module whose values hold a number of floating point, or a whole number above 1. Names that are
+    numbered from 0 or 1 (``A, B, C = 0, 1, 2``) are none, whatever their type.
+    """
     found: set[str] = set()
     for node in ast.parse(source).body:
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.value:
-            inside = [] if _is_range(node.value) else _values_in(node.value)
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            whole = any(isinstance(v, int) and not isinstance(v, bool) and v > 4 for v in inside)
+            several = isinstance(targets[0], ast.Tuple) and _numbers_them(node.value)
+            inside = [] if several or _is_range(node.value) else _values_in(node.value)
+            whole = any(isinstance(v, int) and not isinstance(v, bool) and v > 1 for v in inside)
             if whole or any(isinstance(value, float) for value in inside):
                 found |= {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
     return found
@@ -301,6 +334,13 @@ def _values_in(node: ast.expr) -> list[Any]:
 def _is_range(node: ast.expr) -> bool:
     """True for the places of an array, which are numbered."""
     return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "range"
+
+
+def _numbers_them(node: ast.expr) -> bool:
+    """True for whole numbers from 0 or 1, one after the other."""
+    each = [_values_in(one) for one in getattr(node, "elts", [])]
+    numbers, many = [own[0] for own in each if len(own) == 1], len(each)
+    return many > 1 and numbers in ([*range(many)], [*range(1, many + 1)])
 
 
 @functools.cache
@@ -386,8 +426,9 @@ def _only_named(name: str) -> bool:
 
 def test_a_constant_that_is_added_is_noticed() -> None:
     assert constants(
-        "X, Y = range(9)\nW = 12\nA = 3\nB = 0.5\nC, D = 1e-3, 2\nE: float = f(2.0)\ndef f(): x = 1.0"
-    ) == {*("B", "C", "D", "E", "W")}
+        "X, Y = range(9)\nU, V = 2, 3\nP, Q = 0, 1\nT = (1, 2)\nW = 12\n"
+        "A = 3\nB = 0.5\nC, D = 1e-3, 2\nE: float = f(2.0)\ndef f(): x = 1.0"
+    ) == {*("A", "B", "C", "D", "E", "T", "U", "V", "W")}
     assert not is_listed("light.bounced_light.NEW")
     assert miscounted(in_code() | {"kernels.rays.tracing._STEPS"}, APPROXIMATIONS) == {
         "kernels._STEPS"

@@ -149,25 +149,29 @@ light does not exceed the incident light for any k."""
 
 @dataclass(frozen=True)
 class Reflectance:
-    """A reflectance model: its name as requested, without folders; its code and its numbers; and
-    the file of the numbers, if any.
+    """A reflectance model: its name as requested, without folders; its code and its numbers; the file of the numbers, if
+    any; and whether it has the brightness of a measured surface, or only ratios within an image are meant.
     """
 
     name: str
     code: int
     law: tuple[float, ...]
     file: Path | None = None
+    is_absolute: bool = True
 
     @cached_property
     def numbers(self) -> Array:
         """Numbers of the model for the kernels, (n,)."""
         return np.array(self.law, dtype=np.float64)
 
-    @property
-    def is_absolute(self) -> bool:
-        """True if the model has the brightness of a measured surface; False if only ratios within an image are meant."""
-        plain = self.code == kernel.LOMMEL_SEELIGER and len(self.law) == 1
-        return not plain and self.code not in (kernel.LAMBERT, kernel.MINNAERT)
+    @cached_property
+    def level(self) -> str:
+        """What the values are: relative, or I/F; where published sets are not at the anchor, with the factor between."""
+        if not self.is_absolute:
+            return "relative"
+        times = f"{1.0 / _to_anchor(self.code, self.law):.2f}"
+        apart = f", {times} times lommel-seeliger:{ANCHOR_SET} at 30 deg" if times != "1.00" else ""
+        return f"radiance factor I/F{apart}"
 
 
 def _to_anchor(code: int, law: tuple[float, ...]) -> float:
@@ -243,7 +247,14 @@ def reflectance_model(spec: str) -> Reflectance:
     if colon and not which:
         raise ConfigError(f"{spec}: no parameter set after the colon")
     file = law_file(spec)
-    return Reflectance(f"{name}:{file.name}" if file else spec, *_LAWS[name](which), file)
+    measured = {
+        "lommel-seeliger": bool(which),
+        "lambert": False,
+        "minnaert": False,
+        "facet": name == "facet" and facet_model(which).levels is not None,
+    }
+    shown = f"{name}:{file.name}" if file else spec
+    return Reflectance(shown, *_LAWS[name](which), file, measured.get(name, True))
 
 
 DEFAULT_MODEL = reflectance_model(DEFAULT_LAW)

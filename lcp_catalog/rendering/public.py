@@ -251,7 +251,7 @@ def tags(scene: Scene) -> dict[str, str]:
         "sun_model": "disc" if scene.light.first.disc is not None else "point",
         "light": json.dumps(scene.light.describe(), sort_keys=True),
         "reflectance": scene.model.name,
-        "radiance": "radiance factor I/F" if scene.model.is_absolute else "relative",
+        "radiance": scene.model.level,
         "accuracy": scene.request.accuracy.tier,
         "surface": "heightfield" if scene.plan.relief.modelled else "sphere",
         "dem": json.dumps([dem.path.name for dem in dems.dems] if dems is not None else []),

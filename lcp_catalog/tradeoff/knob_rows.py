@@ -65,15 +65,17 @@ def _of_views(wanted: Any, given: Any) -> Array:
 
 @dataclass(frozen=True)
 class _Claims:
-    """Claims (n, view, elevation, azimuth) at the cells: whether there is one, its probability, and whether it is usable."""
+    """Claims (n, scale, view, elevation, azimuth): whether there is one, its probability, and whether it is usable."""
 
     known: Mask
     detection: Array
     usable: Mask
 
     @classmethod
-    def at(cls, candidates: Candidates, own: BuildConfig, wanted: BuildConfig) -> _Claims:
-        """The claims of candidates under a configuration at the views and Suns of another."""
+    def at(
+        cls, candidates: Candidates, own: BuildConfig, wanted: BuildConfig, scales: int
+    ) -> _Claims:
+        """The claims of candidates under a configuration at the views and Suns of another, and at so many image scales."""
         weights = (
             _of_views(wanted.view, own.view),
             _along(wanted.sun.elevations_deg, own.sun.elevations_deg, None),
@@ -81,12 +83,14 @@ class _Claims:
         )
 
         def mean(values: Array) -> Array:
-            for axis, weight in enumerate(weights, start=1):
+            for axis, weight in enumerate(weights, start=2):
                 values = np.moveaxis(np.tensordot(values, weight, (axis, 1)), -1, axis)
             return values
 
-        condition = candidates.evaluation.condition
-        chance = candidates.evaluation.detection[:, 0].astype(np.float64)
+        condition = candidates.evaluation.condition[:, None]
+        chance = candidates.evaluation.detection[:, :scales].astype(np.float64)
+        none = scales - chance.shape[1]
+        chance = np.pad(chance, [(0, 0), (0, none), *[(0, 0)] * 3], constant_values=np.nan)
         stated = evaluated(condition) & np.isfinite(chance)
         weight = mean(stated.astype(np.float64))
         free = UNSHADOWED | UNOCCLUDED
@@ -123,8 +127,11 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     here = np.flatnonzero(away_m <= near_m)
     there = at[here]
     wanted = _wanted(config, own)
+    # without the scales of coarser pixels a build makes no claim for them; of other patches only the cells' own is compared
+    fewer = own.points.image_scales != config.points.image_scales
+    scales = len(config.points.scales) if fewer else 1
     old, new = (
-        _Claims.at(some_of(some, rows), of, wanted)
+        _Claims.at(some_of(some, rows), of, wanted, scales)
         for some, rows, of in ((before, here, config), (after, there, own))
     )
     # Suns of a finer grid that never occur are not judged

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.landmarks.located import (
     MOST_UNITS,
     Units,
@@ -24,6 +25,12 @@ def needed(probability: np.ndarray, chance: float) -> int:
         if log10_false_alarms(np.full(k + wrong, chance), agrees, 3) < -6.0:
             return k
         k += 1
+
+
+def located_by(claims: np.ndarray, chance: float) -> float:
+    """Probability that a frame is located by points that are found with these probabilities."""
+    k = needed(claims, chance)
+    return float(at_least_found(claims)[k]) if k <= len(claims) else 0.0
 
 
 @pytest.mark.parametrize("count", [8, 12, 40])
@@ -55,12 +62,31 @@ def test_any_set_with_as_many_units_as_wanted_is_enough(gsd_m: float, wanted: fl
         sizes.append(count)
         for some in (count, count // 2, count - 1):
             own = claims[:some]
-            k = needed(own, chance)
-            there = at_least_found(own)[k] if k <= some else 0.0
+            there = located_by(own, chance)
             assert there >= units.located[int(worth[:some].sum())] - 0.01
-        assert at_least_found(claims[:count])[needed(claims[:count], chance)] >= wanted
+        assert located_by(claims[:count], chance) >= wanted
     assert len(sizes) > 40
     assert max(sizes) > 3 * min(sizes)
+
+
+def test_the_points_that_units_cost_are_stated() -> None:
+    """Random sets as above: points until their units suffice, over the fewest whose joint probability does."""
+    units, chance, rng = Units.of_located(0.99, 5.0), chance_of(5.0), np.random.default_rng(3)
+    more = []
+    for _ in range(60):
+        claims = rng.beta(*rng.uniform(0.3, 3.0, 2), 600)
+        worth = np.searchsorted(units.least, claims, "right")
+        claims, worth = claims[worth > 0], worth[worth > 0]
+        count = int(np.searchsorted(np.cumsum(worth), units.demand)) + 1
+        if count > len(claims):
+            continue
+        exact = count
+        while located_by(claims[: exact - 1], chance) >= 0.99:
+            exact -= 1
+        more.append(count / exact - 1.0)
+    stated = next(one for one in APPROXIMATIONS if one.name == "units of a promise").error
+    assert len(more) > 40
+    assert 100.0 * np.mean(more) == pytest.approx(stated.value, rel=0.05)
 
 
 def test_units_rise_with_the_probability() -> None:

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 from scipy.sparse import csr_matrix
 
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.landmarks import selection
 from lcp_catalog.landmarks.selection import Cover, choose_cover, least_size
 
@@ -84,6 +85,25 @@ def test_the_bound_of_a_part_is_valid(monkeypatch: pytest.MonkeyPatch) -> None:
     bounds = {"A_ub": -csr_matrix(matrix[elements]), "bounds": (0, 1)}
     relaxed = linprog(np.ones(60), b_ub=-wanted.ravel()[elements], method="highs", **bounds).fun
     assert 0.9 * relaxed <= least_size(cover, wanted, size) <= relaxed * (1.0 + 1e-9)
+
+
+def test_what_exchanges_save_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2000 candidates, each near 8 of 200 places in a row; above the limit none is exchanged, and all is served."""
+    rng, count, near = np.random.default_rng(1), 2000, np.arange(8)
+    place = np.sort((rng.integers(0, 200, count)[:, None] + near) % 200, axis=1).astype(np.int32)
+    serves = rng.random((count, 40)) < rng.uniform(0.0, 0.7, (count, 1))
+    worth = (serves * rng.integers(1, 16, serves.shape)).astype(np.uint8)
+    row = np.repeat(np.arange(count, dtype=np.int32), 8)
+    cover = Cover(8 * np.arange(count + 1), place.ravel(), row, worth, 200)
+    wanted = np.minimum(cover.counts(np.arange(count)), 45).astype(np.int16)
+    sizes = []
+    for most in (count, count - 1):
+        monkeypatch.setattr(selection, "EXCHANGE_MAX", most)
+        chosen = choose_cover(cover, wanted).chosen
+        assert (cover.counts(chosen) >= wanted).all()
+        sizes.append(len(chosen))
+    stated = next(one for one in APPROXIMATIONS if one.name == "exchanges of points").error
+    assert 100.0 * (sizes[1] / sizes[0] - 1.0) == pytest.approx(stated.value, rel=0.02)
 
 
 @pytest.mark.parametrize("units", [1, 15])

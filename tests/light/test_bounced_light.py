@@ -1,13 +1,16 @@
 """Light by way of other ground: path tracing by brute force, albedo, the bound, and the plan's choice."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
+from lcp_catalog.light import bounced_light
 from lcp_catalog.light.bounced_light import SHOWS, bounced_at_points, bounced_bound, bounced_sample
 from lcp_catalog.light.sources import Lighting, SurfacePoints
 from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
@@ -101,6 +104,56 @@ def test_against_path_tracing_by_brute_force():
     assert judged.min() > 1e-4
     assert ours == pytest.approx(judged, rel=0.15)  # 1500 rays: up to 6 %
     assert ours.mean() == pytest.approx(judged.mean(), rel=0.06)
+
+
+def bowl(side, half_deg=55.0):
+    """A part of a sphere below a plain, 1500 m wide, seen from the sphere's centre under this angle on either side."""
+    place = np.linspace(-800.0, 800.0, side)
+    away, half = np.hypot(*np.meshgrid(place, place)), math.radians(half_deg)
+    radius = 750.0 / math.sin(half)
+    z = radius * math.cos(half) - np.sqrt(np.maximum(radius**2 - away**2, 0.0))
+    z = np.minimum(z, 0.0).astype(np.float32)
+    return replace(crater(), field=Heightfield(z, 1600.0 / (side - 1), -800.0, 800.0))
+
+
+def share_of_the_second(monkeypatch, terrain, points, normals):
+    """Light by two other places over that by one, mean over points: what reaches each hit is that of another bounce."""
+    where = terrain, Lighting.of_sun(SUN)
+    at, direct = SurfacePoints(points, normals, UP), bounced_light._direct
+
+    def arriving(_terrain, _light, hits, *_):
+        with monkeypatch.context() as inner:
+            inner.setattr(bounced_light, "_direct", direct)
+            return bounced_at_points(*where, hits, LAMBERT, TIERS["draft"])
+
+    one = bounced_at_points(*where, at, LAMBERT, TIERS["draft"])
+    with monkeypatch.context() as outer:
+        outer.setattr(bounced_light, "_direct", arriving)
+        return bounced_at_points(*where, at, LAMBERT, TIERS["draft"]).sum() / one.sum()
+
+
+def test_the_second_bounce_of_a_bowl(monkeypatch):
+    """Albedo times the bowl's share of its sphere, as every place of a sphere lights every other alike; the rim's cells
+    take away as much as they are wide.
+    """
+    found = []
+    for side in (33, 65):
+        field = (terrain := bowl(side)).field
+        points, normals = nodes_enu(field, field.whole), field.normals().astype(np.float64)
+        dark = np.argwhere((normals @ SUN < 0.0) & (points[..., 2] < -100.0))
+        some = tuple(dark[np.linspace(0, len(dark) - 1, 30).astype(int)].T)
+        found.append(share_of_the_second(monkeypatch, terrain, points[some], normals[some]))
+    expected = LAMBERT_ALBEDO * (1.0 - math.cos(math.radians(55.0))) / 2.0
+    assert found[0] < found[1] < expected
+    assert 2.0 * found[1] - found[0] == pytest.approx(expected, rel=0.02)
+
+
+def test_the_second_bounce_of_a_crater_is_the_share_that_is_stated(monkeypatch):
+    terrain = crater()
+    _, points, normals = dark_nodes(terrain)
+    found = share_of_the_second(monkeypatch, terrain, points, normals)
+    stated = next(one for one in APPROXIMATIONS if one.name == "second bounce of light").error
+    assert 100.0 * found == pytest.approx(stated.value, rel=0.02)
 
 
 def test_tiers_agree_within_their_errors():

@@ -11,6 +11,7 @@ from helpers import twins_earth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M
 from lcp_catalog.ephemeris.times import instants
 from lcp_catalog.errors import SunError
@@ -105,6 +106,35 @@ def test_the_phase_function_goes_on_smoothly():
     edge, step = math.radians(LAST_PHASE_DEG), 1e-7
     before, here, after = (math.log(phase_function(edge + k * step)) for k in (-1, 0, 1))
     assert after - here == pytest.approx(here - before, rel=1e-4)
+
+
+def test_the_error_of_the_earths_albedo_is_stated():
+    """Robinson 2025 (arXiv:2507.22258), from observed phase curves: geometric albedo 0.242, spherical 0.294, phase integral 1.22.
+    And what is extrapolated, beside the parabola continued.
+    """
+    row = next(one for one in APPROXIMATIONS if one.name == "light of the Earth")
+    assert pytest.approx(row.error.value, abs=0.5) == 100.0 * (EARTH_ALBEDO / 0.242 - 1.0)
+    angles = np.radians(np.linspace(0.0, 180.0, 1801))
+    bright = np.array([phase_function(a) for a in angles])
+    integral = 2.0 * np.trapezoid(bright * np.sin(angles), angles)
+    assert integral == pytest.approx(1.22, rel=0.08)
+    sent = EARTH_ALBEDO * integral
+    assert f"{sent:.2f} of the light is sent back" in row.bound
+    assert f"measured: {100.0 * (sent / 0.294 - 1.0):.0f} % too much" in row.bound
+    last = math.radians(LAST_PHASE_DEG)
+    assert 5e-7 < earth_over_sun(last, MEAN_DISTANCE_M) < 6e-7
+    parabola = 10.0 ** (-0.4 * (-1.060e-3 * 180.0 + 2.054e-4 * 180.0**2))
+    assert bright[-1] == pytest.approx(parabola, rel=0.02)
+    nearest, furthest = (MEAN_DISTANCE_M / (1e6 * d) for d in (356.5, 406.7))  # perigee, apogee
+    assert f"{100 * (furthest**2 - 1):.0f} to {100 * (nearest**2 - 1):.0f} %" in row.bound
+    for sun_deg, share in ((0.5, 0.3), (5.0, 0.03), (10.0, 0.013)):
+        # the Earth opposite the Sun at any elevation; of the light, what a smaller albedo takes away
+        up = np.radians(np.linspace(0.0, 180.0 - sun_deg, 500))
+        light = [
+            earth_over_sun(a + math.radians(sun_deg), MEAN_DISTANCE_M) * math.sin(a) for a in up
+        ]
+        most = 100.0 * max(light) / math.sin(math.radians(sun_deg)) * (1.0 - 0.242 / EARTH_ALBEDO)
+        assert most == pytest.approx(share, rel=0.08)
 
 
 def test_the_full_earth_gives_a_ten_thousandth_of_the_sun():

@@ -5,6 +5,9 @@ of the Moon.
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +19,7 @@ from lcp_catalog.choices import LAWS_BY_COST, REFLECTANCE_MODELS
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.kernels.photometry.laws import LOMMEL_SEELIGER, factors, mixture
+from lcp_catalog.photometry.facet_model import FacetFile, facet_model
 from lcp_catalog.photometry.hapke_sets import SETS
 from lcp_catalog.photometry.laws import (
     DISCS,
@@ -415,8 +419,21 @@ def test_the_anchor_is_a_gain_alone() -> None:
         assert np.ptp(ratio) < 1e-9
 
 
-def test_which_laws_are_absolute() -> None:
-    for law in ("lommel-seeliger:rolo", "lunar-lambert", "hapke:rolo", "hapke:wac-643-mare"):
-        assert reflectance_model(law).is_absolute
-    for law in ("lommel-seeliger", "lambert", "minnaert:0.7"):
-        assert not reflectance_model(law).is_absolute
+def test_which_laws_are_absolute(tmp_path: Path) -> None:
+    """Laws with a measured brightness, and how much brighter than ROLO's their surfaces are (docs/explanation/photometry.md);
+    a facet's brightness is measured only where its file has levels."""
+    for law in ("lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"):
+        assert reflectance_model(law).level == "radiance factor I/F"
+    for law, times in (("lunar-lambert", 1.1535), ("hapke", 0.7546)):
+        told = f"radiance factor I/F, {1.0 / times:.2f} times lommel-seeliger:rolo at 30 deg"
+        assert reflectance_model(law).level == told
+    mare = float(re.findall(r", (.*) times", reflectance_model("hapke:wac-643-mare").level)[0])
+    angle = math.radians(30.0)
+    of_mare = radiance_factor(reflectance_model("hapke:wac-643-mare"), angle, 0.0, angle)
+    assert mare == pytest.approx(float(of_mare) / 0.0738, abs=0.006)
+    for law in ("lommel-seeliger", "lambert", "minnaert:0.7", "facet"):
+        assert reflectance_model(law).level == "relative"
+    model = facet_model("")
+    bright = replace(model, levels=(0.1,) * len(model.nodes))
+    (tmp_path / "bright.toml").write_text(FacetFile(bright).to_toml())
+    assert reflectance_model(f"facet:{tmp_path}/bright.toml").is_absolute

@@ -17,7 +17,7 @@ from scipy import stats
 
 from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.catalog.promise import kept_promise
-from lcp_catalog.catalog.schema import EVALUATED, UNSHADOWED, USABLE, evaluated, usable
+from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE, evaluated, usable
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
@@ -170,6 +170,24 @@ def test_conditions_that_are_no_longer_stated_count_as_changed(found: Trade, bui
     assert row["matched_share"] == 1.0 or row["matched_share"] > 0.5
     if row["matched_share"] == 1.0:
         assert row["conditions_changed_share"] == pytest.approx(lost / judged)
+
+
+def test_claims_for_coarser_pixels_are_compared(
+    monkeypatch: pytest.MonkeyPatch, build: Build
+) -> None:
+    """With one image scale of two those of the second are lost, the others stay."""
+    one = Setting("image scales", "1", {"points.image_scales": 1})
+    monkeypatch.setattr(confirmation, "settings", lambda config: [one])
+    trade = measure_all(EMPTY, build, 1, Budget(error=1.0), math.inf, workers=0)
+    (row,) = (row for row in trade.rows if row["knob"] == "image scales")
+    (k,) = measurement.spread(build, 1)
+    own = run_area(build.jobs[k]).candidates.evaluation
+    stated = evaluated(own.condition)[:, None] & np.isfinite(own.detection)
+    both = UNSHADOWED | UNOCCLUDED
+    works = stated & (own.detection >= 0.9) & ((own.condition & both) == both)[:, None]
+    assert stated.shape[1] == 2
+    assert works[:, 1].any()
+    assert row["conditions_changed_share"] == pytest.approx(works[:, 1].sum() / stated.sum())
 
 
 def test_other_areas_cover_the_same_ground(found: Trade) -> None:
