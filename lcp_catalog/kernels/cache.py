@@ -32,6 +32,7 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
+from .compilation import KernelCompiler, PartCompiler, only_parts
 from .cpu_level import level, target
 
 log = logging.getLogger(__name__)
@@ -58,8 +59,14 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         raise ImportError(text, name="numba")
 
     def kernel(function: Callable[..., Any]) -> Any:
-        compiled = numba.njit(**options)(function)
+        own: dict[str, Any] = {**options, "no_cfunc_wrapper": True}
+        compiled = numba.njit(**own | {"pipeline_class": KernelCompiler})(function)
         compiled._cache = _Files(function)
+        own |= {"no_cpython_wrapper": True, "pipeline_class": PartCompiler}
+        part = numba.njit(**own)(function)
+        part._cache = _PartFiles(function)
+        compiled.get_call_template = part.get_call_template  # what other kernels ask for
+        compiled.get_overload = part.get_overload
         return compiled
 
     return kernel
@@ -159,6 +166,19 @@ class _Files:
 
     def flush(self) -> None:
         """Nothing: a file is as good as what it is compiled from."""
+
+
+class _PartFiles(_Files):
+    """The files of a kernel as others call it, which are only read to compile those: in another process, or later."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self.kernel += ".part"
+
+    def load_overload(self, signature: tuple[Any, ...], context: Any) -> Any:
+        """As for a kernel."""
+        with only_parts(context):
+            return super().load_overload(signature, context)
 
 
 class _Unpickler(pickle.Unpickler):

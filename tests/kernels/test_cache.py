@@ -314,7 +314,8 @@ print(len(sys.argv) - 1, "scipy.linalg" in sys.modules)
 
 
 def test_a_kernel_of_a_file_needs_nothing_that_numba_loads_to_compile() -> None:
-    found = [str(path) for folder in cache.folders() for path in folder.glob("*.kernel")]
+    files = [path for folder in cache.folders() for path in folder.glob("*.kernel")]
+    found = [str(path) for path in files if ".part-" not in path.name]
     assert found, "the tests compile some"
     done = subprocess.run(
         [sys.executable, "-c", LOAD_ALL, *found], check=False, capture_output=True, text=True
