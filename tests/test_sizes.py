@@ -42,7 +42,8 @@ BUDGETS = {
     # 36: 65 neighbours among merged catalogues, messages beside a bar, derivatives where patches are
     # 36: 20 hidden nodes of a view and shadows of a Sun, found once for all their images
     # 37: 46 rows of the Earth's light, a second bounce, units, exchanges, levels of laws, claims at all scales
-    "code lines, lcp_catalog": 48868,
+    # 36: 85 what kernels call is linked, not compiled alone
+    "code lines, lcp_catalog": 48953,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue
@@ -52,7 +53,8 @@ BUDGETS = {
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)
     # 66 a first build on the screen, an index of 1000 catalogues, the belt by stage (36)
     # 8050 went: tables of settled studies, histories, a transcript, what two pages or the help said (33)
-    "words of docs": 44931,
+    # 8 where the compilation of kernels is (36)
+    "words of docs": 44939,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
