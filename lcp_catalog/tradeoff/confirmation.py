@@ -136,8 +136,7 @@ def _best(
             kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
         else:
             kept = not any(s.finer for s in taken) or best_row["build_seconds"] <= budget.seconds
-        judged = told if best_row["usable_ratio"] is None else best_row
-        if not taken or (kept and keeps_enough(judged)):
+        if not taken or (kept and keeps_enough(best_row)):
             break
         left = [one for one in left if one[0] != taken[-1]]
     return best, best_row | {"finer": any(one.finer for one in taken)}

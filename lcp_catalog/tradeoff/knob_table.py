@@ -18,10 +18,6 @@ BEST = "best.toml"
 
 KNOBS_HEADING = "Every approximation"
 
-NOT_COMPARED = (
-    "points are not compared: two passes evaluate what a promise takes of the whole region"
-)
-
 KNOBS_EXPLAINED = (
     "One alternative at a time around the configuration, computed on the same areas; time is processor time, by the work of all areas of the build, over the median of runs of the "
     "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference. Candidates within "
@@ -30,7 +26,8 @@ KNOBS_EXPLAINED = (
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
     + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
-    f" (worth; a dash: {NOT_COMPARED}; all areas tell the promise)."
+    f" (worth; a dash: two passes evaluate what a promise takes of the whole region, which these areas do not tell)."
+    " Points: chosen among the measured areas by spacing; all areas tell the promise."
 )
 
 
@@ -116,13 +113,13 @@ def best_said(trade: Trade) -> list[str]:
     said += [f"To take ({BEST}): {best['value']}."]
     lost, gained = best["points_lost"], best["points_gained"]
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
-    if best["areas"] and best["usable_ratio"] is None:
-        places = f" of places in both; {NOT_COMPARED}"
-    elif best["areas"]:
+    if best["areas"]:
         places = (
             f" of places in both; of {best['points'] - gained + lost} points {lost} {'is' if lost == 1 else 'are'} lost, {gained} gained, "
             f"in all worth {best['usable_ratio']:.2f} of them (by the usable share of their conditions)"
         )
+    elif "; " not in best["value"]:
+        measured = "as its row says"
     else:
         measured = "not measured together, for want of time (a greater time limit), but by product and sum of the rows"
     said += [

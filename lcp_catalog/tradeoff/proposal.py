@@ -37,11 +37,11 @@ def other_ground(row: Row) -> list[float] | None:
 
 
 def keeps_enough(row: Row) -> bool:
-    """True if the points of an alternative are worth nearly as much as those of the configuration (`LEAST_USABLE`), or that is
-    not known.
+    """True if the points of an alternative are known to be worth nearly as much as those of the configuration
+    (`LEAST_USABLE`).
     """
     ratio = row["usable_ratio"]
-    return ratio is None or float(ratio) >= LEAST_USABLE
+    return ratio is not None and float(ratio) >= LEAST_USABLE
 
 
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
@@ -132,7 +132,6 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
     lost, gained = (
         min(own, sum(row[name] for row in rows)) for name in ("points_lost", "points_gained")
     )
-    worth = [row["usable_ratio"] for row in rows]
     changes_ = [
         row["detection_change_max"] for row in rows if row["detection_change_max"] is not None
     ]
@@ -141,7 +140,7 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
         "points_lost": lost,
         "points_gained": gained,
         "matched_share": min(row["matched_share"] for row in rows),
-        "usable_ratio": math.prod(1.0 if one is None else one for one in worth),
+        "usable_ratio": math.prod(row["usable_ratio"] for row in rows),
         "detection_change_mean": None,
         "detection_change_max": max(changes_, default=None),
         "sigma_ratio": None,

@@ -549,8 +549,6 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     )
     told = json.loads(json.dumps(some.document()))["best"]
     assert (told["elsewhere"], told["other_ground"]) == ([0.005, 0.035], [0.0, pytest.approx(0.06)])
-    passes = dataclasses.replace(some, best_row=row | {"usable_ratio": None})
-    assert "points are not compared: two passes evaluate" in knob_table.best_said(passes)[2]
     alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})
     assert knob_table.best_said(alone)[-1] == said[4]
     for other in ({"finer": True}, {"conditions_changed_share": 0.004}):
@@ -589,11 +587,11 @@ def test_what_together_keeps_too_little_is_taken_back(monkeypatch: pytest.Monkey
     best, row = confirmation._best(Told(), rows, usual, Budget(error=0.05))
     assert best.value == "a: 1"
     assert row["usable_ratio"] == 1.0
-    # a worth that is not known, as that of two passes, does not take it back
-    monkeypatch.setattr(Told, "row", lambda self, best, told: told | {"usable_ratio": None})
+    monkeypatch.setattr(Told, "row", lambda self, best, told: told)
     assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1; b: 1"
-    rows[1][1]["usable_ratio"] = 0.9
-    assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1"
+    for worth in (0.9, None):  # too little, or not known, as that of two passes
+        rows[1][1]["usable_ratio"] = worth
+        assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1"
 
 
 def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
