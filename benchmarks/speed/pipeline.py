@@ -364,11 +364,10 @@ class Pipeline:
         lit: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Probabilities (n, 2) and sigma_major (n,) in the image of a scale."""
-        rows, cols, half = place[0], place[1], place[2] - 1  # no template has the outer nodes
+        rows, cols, half = place
         shown = blurred(sources[0], scale)
         seen = windows(shown, rows, cols, half)
-        changed = np.stack([blurred(part, scale) if part.any() else part for part in change])
-        alone = seen + changed[:, 1:-1, 1:-1]
+        alone = seen + np.stack([blurred(part, scale) if part.any() else part for part in change])
         bright = alone > 0.0
         count = bright.sum(axis=(1, 2))
         level = np.where(bright, alone, 0.0).sum(axis=(1, 2)) / np.maximum(count, 1)
