@@ -184,46 +184,52 @@ def _to_anchor(code: int, law: tuple[float, ...]) -> float:
     return anchor / own
 
 
-def _lommel_seeliger(which: str) -> tuple[int, tuple[float, ...]]:
+_Law = tuple[int, tuple[float, ...], bool]
+"""Code and numbers of a model, and whether they have a measured brightness."""
+
+
+def _lommel_seeliger(which: str) -> _Law:
     law = disc_law(which) if which else (SINGLE_SCATTERING_ALBEDO,)
-    return kernel.LOMMEL_SEELIGER, law
+    return kernel.LOMMEL_SEELIGER, law, bool(which)
 
 
-def _lambert(which: str) -> tuple[int, tuple[float, ...]]:
+def _lambert(which: str) -> _Law:
     if which:
         raise ConfigError(f"lambert has no parameters, not {which!r}")
-    return kernel.LAMBERT, (LAMBERT_ALBEDO,)
+    return kernel.LAMBERT, (LAMBERT_ALBEDO,), False
 
 
-def _lunar_lambert(which: str) -> tuple[int, tuple[float, ...]]:
+def _lunar_lambert(which: str) -> _Law:
     if which == ANCHOR_SET:
         law = surface_law(DEFAULT_SURFACE)
-        return kernel.LUNAR_LAMBERT, (law[0] * _to_anchor(kernel.LUNAR_LAMBERT, law), *law[1:])
-    return kernel.LUNAR_LAMBERT, surface_law(which or DEFAULT_SURFACE)
+        times = _to_anchor(kernel.LUNAR_LAMBERT, law)
+        return kernel.LUNAR_LAMBERT, (law[0] * times, *law[1:]), True
+    return kernel.LUNAR_LAMBERT, surface_law(which or DEFAULT_SURFACE), True
 
 
-def _minnaert(which: str) -> tuple[int, tuple[float, ...]]:
+def _minnaert(which: str) -> _Law:
     try:
         k = float(which) if which else MINNAERT_K
     except ValueError:
         k = math.nan
     if not 0.0 <= k <= 1.0:
         raise ConfigError(f"minnaert:K needs an exponent from 0 to 1, not {which!r}")
-    return kernel.MINNAERT, (MINNAERT_ALBEDO, k, MINNAERT_FLOOR)
+    return kernel.MINNAERT, (MINNAERT_ALBEDO, k, MINNAERT_FLOOR), False
 
 
-def _hapke(which: str) -> tuple[int, tuple[float, ...]]:
+def _hapke(which: str) -> _Law:
     if which == ANCHOR_SET:
         law = hapke_set(DEFAULT_SET).law
-        return kernel.HAPKE, (*law[:-1], _to_anchor(kernel.HAPKE, law))
-    return kernel.HAPKE, hapke_set(which or DEFAULT_SET).law
+        return kernel.HAPKE, (*law[:-1], _to_anchor(kernel.HAPKE, law)), True
+    return kernel.HAPKE, hapke_set(which or DEFAULT_SET).law, True
 
 
-def _facet(which: str) -> tuple[int, tuple[float, ...]]:
-    return kernel.FACET, tuple(facet_model(which).law.tolist())
+def _facet(which: str) -> _Law:
+    model = facet_model(which)
+    return kernel.FACET, tuple(model.law.tolist()), model.levels is not None
 
 
-_Reader = Callable[[str], tuple[int, tuple[float, ...]]]
+_Reader = Callable[[str], _Law]
 _READERS: tuple[_Reader, ...] = (
     _lommel_seeliger,
     _lambert,
@@ -247,14 +253,8 @@ def reflectance_model(spec: str) -> Reflectance:
     if colon and not which:
         raise ConfigError(f"{spec}: no parameter set after the colon")
     file = law_file(spec)
-    measured = {
-        "lommel-seeliger": bool(which),
-        "lambert": False,
-        "minnaert": False,
-        "facet": name == "facet" and facet_model(which).levels is not None,
-    }
-    shown = f"{name}:{file.name}" if file else spec
-    return Reflectance(shown, *_LAWS[name](which), file, measured.get(name, True))
+    code, law, measured = _LAWS[name](which)
+    return Reflectance(f"{name}:{file.name}" if file else spec, code, law, file, measured)
 
 
 DEFAULT_MODEL = reflectance_model(DEFAULT_LAW)
