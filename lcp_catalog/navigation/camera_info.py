@@ -331,7 +331,7 @@ def camera_info(
     CameraError
         For a file that describes no camera.
     CatalogError, DemError
-        For a catalogue or a DEM that cannot be read.
+        For a catalogue or a DEM that cannot be read, or a DEM without a surface.
 
     Examples
     --------
@@ -359,6 +359,7 @@ def camera_info(
         found["catalog"] = {"points": len(points), "in_view": in_view}
     if dem is not None:
         dems = dem_set(dem)
+        dems.require_surface()
         warn_of_doubts(dems, dems.bounds)
         cell_m = max(dems.dems[0].gsd_m, centre["pixel_m"] if centre else 0.0)
         found["dem"] = _on_dem(sensor, ground[np.isfinite(ground[:, 0])], dems, cell_m)

@@ -230,6 +230,16 @@ def test_each_command_says_that_a_dem_is_too_small(
         (["dem", "info", "--quick", "--json", str(path)], 0),
         (["render", str(path), "-o", f"{out}.tif", *SUN], 1),
         (["build-catalog", str(path), "-o", f"{out}.h5"], 1),
+        (
+            [
+                "camera",
+                "info",
+                str(DEM.parent / "AS15-M-0414_camera.json"),
+                "--dem",
+                str(path),
+            ],
+            1,
+        ),
     ):
         assert run(args) == code
         said = capsys.readouterr()
