@@ -13,9 +13,10 @@ from ..approximations import APPROXIMATIONS
 from ..errors import AreaFailedError, ConfigError
 from ..production.config import BuildConfig
 from ..production.run import Build
+from ..stages import Progress, unseen
 from .knob_rows import Written, row_of, rows_of
 from .knobs import Measurement, Sample, Setting, for_budget, settings
-from .measurement import Budget, Progress, Trade, spread
+from .measurement import Budget, Trade, spread
 from .proposal import keeps_enough, proposal, relative, require_one, together, together_row
 
 WORKERS = 2
@@ -34,7 +35,7 @@ def measure_all(
     budget: Budget,
     until: float,
     workers: int = WORKERS,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = unseen,
 ) -> Trade:
     """A measurement with the rows of all approximations, on ``areas`` areas (None: all), and the configuration for the
     budget. ``until``: time of `time.monotonic` after which no other alternative is begun. ConfigError for an impossible

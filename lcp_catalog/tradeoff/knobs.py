@@ -47,10 +47,9 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class Setting:
     """A configuration and how it differs from the user's: ``values`` of fields, ``configured`` the user's where these are
-    numbers; ``turned``: True if a budget may take
-    it, because the catalogue that it gives answers the same questions; ``images``: True if it changes them; ``finer``: True
-    if it leaves less out; ``slower``: its time over that of the configuration, at most, by the registry;
-    ``on_sample``: the same on the sample, 1 where it is not known.
+    numbers; ``turned``: True if a budget may take it, because the catalogue that it gives answers the same questions;
+    ``images``: True if it changes them; ``finer``: True if it leaves less out; ``slower``: its time over that of the
+    configuration, at most, by the registry; ``on_sample``: the same on the sample, 1 where it is not known.
     """
 
     knob: str

@@ -28,6 +28,7 @@ from ..production.area_job import AreaJob, Candidates, run_area
 from ..production.config import BuildConfig
 from ..production.executor import children_start, processes
 from ..production.run import Build
+from ..stages import Progress, unseen
 from ..threads import limit_threads
 from .image_errors import (
     REFERENCE,
@@ -129,8 +130,6 @@ class Runs:
         return everything
 
 
-Progress = Callable[[int, int], None]
-
 AREAS, ROUNDS = 4, 2
 """Default number of areas, and of rounds for each."""
 
@@ -194,7 +193,7 @@ def measure_trade(
     areas: int = AREAS,
     rounds: int = ROUNDS,
     isolated: bool = True,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = unseen,
     limit_s: float = math.inf,
 ) -> Trade:
     """Compute some areas of a build in every tier and compare them.

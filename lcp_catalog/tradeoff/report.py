@@ -28,6 +28,7 @@ from ..plots.numbers import number, page
 from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.public import planned_build
+from ..stages import Progress, unseen
 from .charts import Row, knobs_chart, pareto, share_text, times
 from .confirmation import LIMIT_S, TIERS_SHARE, WORKERS, measure_all
 from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
@@ -40,7 +41,7 @@ from .knob_table import (
     knobs_markdown,
     knobs_said,
 )
-from .measurement import AREAS, ROUNDS, Budget, Progress, Trade, measure_trade
+from .measurement import AREAS, ROUNDS, Budget, Trade, measure_trade
 from .point_changes import DETECTION_CHANGE
 from .proposal import require_one
 
@@ -399,7 +400,7 @@ def trade(
     max_error: float | None = None,
     time_limit_s: float = LIMIT_S,
     overwrite: bool = False,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = unseen,
 ) -> Trade:
     """Measure what every approximation costs and changes on a DEM and a sweep: some areas of a build are computed in
     every tier and compared with the tier ``reference``, and with one alternative at a time (`approximations`)
