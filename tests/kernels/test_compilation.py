@@ -14,9 +14,7 @@ from numba.core.registry import cpu_target
 
 from lcp_catalog.kernels import cache
 
-linked = pytest.mark.skipif(
-    not cache.LINKED, reason="this version of numba compiles in its own way"
-)
+linked = pytest.mark.skipif(not cache.LINKED, reason="this numba compiles in its own way")
 
 
 @pytest.fixture(autouse=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -43,22 +45,29 @@ def test_equal_points_are_as_points_with_claims(count: int, probability: float) 
     assert equal_points(count, probability, chance) == pytest.approx(expected, abs=1e-9)
 
 
+def _enough(units: Units) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+    """Random sets of points of very different claims: those claims that are worth something, their units, and how many of
+    them suffice.
+    """
+    rng = np.random.default_rng(3)
+    for _ in range(60):
+        claims = rng.beta(*rng.uniform(0.3, 3.0, 2), 600)
+        worth = np.searchsorted(units.least, claims, "right")
+        claims, worth = claims[worth > 0], worth[worth > 0]
+        count = int(np.searchsorted(np.cumsum(worth), units.demand)) + 1
+        if count <= len(claims):
+            yield claims, worth, count
+
+
 @pytest.mark.parametrize("gsd_m", [5.0, 59.0, 474.0])
 @pytest.mark.parametrize("wanted", [0.9, 0.99])
 def test_any_set_with_as_many_units_as_wanted_is_enough(gsd_m: float, wanted: float) -> None:
     """Random sets of points of very different claims, which stop when their units suffice: located at least as
     probably as wanted, and as the table says at each number of units.
     """
-    units, rng = Units.of_located(wanted, gsd_m), np.random.default_rng(3)
-    chance = chance_of(gsd_m)
+    units, chance = Units.of_located(wanted, gsd_m), chance_of(gsd_m)
     sizes = []
-    for _ in range(60):
-        claims = rng.beta(*rng.uniform(0.3, 3.0, 2), 600)
-        worth = np.searchsorted(units.least, claims, "right")
-        claims, worth = claims[worth > 0], worth[worth > 0]
-        count = int(np.searchsorted(np.cumsum(worth), units.demand)) + 1
-        if count > len(claims):
-            continue
+    for claims, worth, count in _enough(units):
         sizes.append(count)
         for some in (count, count // 2, count - 1):
             own = claims[:some]
@@ -71,15 +80,9 @@ def test_any_set_with_as_many_units_as_wanted_is_enough(gsd_m: float, wanted: fl
 
 def test_the_points_that_units_cost_are_stated() -> None:
     """Random sets as above: points until their units suffice, over the fewest whose joint probability does."""
-    units, chance, rng = Units.of_located(0.99, 5.0), chance_of(5.0), np.random.default_rng(3)
+    units, chance = Units.of_located(0.99, 5.0), chance_of(5.0)
     more = []
-    for _ in range(60):
-        claims = rng.beta(*rng.uniform(0.3, 3.0, 2), 600)
-        worth = np.searchsorted(units.least, claims, "right")
-        claims, worth = claims[worth > 0], worth[worth > 0]
-        count = int(np.searchsorted(np.cumsum(worth), units.demand)) + 1
-        if count > len(claims):
-            continue
+    for claims, _, count in _enough(units):
         exact = count
         while located_by(claims[: exact - 1], chance) >= 0.99:
             exact -= 1

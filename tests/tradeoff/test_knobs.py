@@ -19,7 +19,6 @@ from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.catalog.promise import kept_promise
 from lcp_catalog.catalog.schema import EVALUATED, UNOCCLUDED, UNSHADOWED, USABLE, evaluated, usable
 from lcp_catalog.catalog.verification import open_catalog
-from lcp_catalog.errors import ConfigError
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.estimate import BESIDE_S
@@ -40,11 +39,7 @@ from lcp_catalog.tradeoff.knobs import Setting, window_shifts
 from lcp_catalog.tradeoff.measurement import Budget, Trade
 from lcp_catalog.tradeoff.point_changes import joined, usable_points
 from lcp_catalog.tradeoff.proposal import (
-    keeps_enough,
-    proposal,
     relative,
-    require_one,
-    together_row,
 )
 
 EMPTY = Trade([], {}, None, ModelChanges())
@@ -300,101 +295,6 @@ def test_the_configuration_is_read_again(found: Trade, tmp_path: Path) -> None:
     )
 
 
-def _row(relative: float, error: float) -> dict[str, Any]:
-    return {
-        "seconds_relative": relative,
-        "conditions_changed_share": error,
-        "seconds_interval": [relative, relative],
-        "matched_share": 1.0,
-        "usable_ratio": 1.0,
-        "points": 28,
-        "points_lost": 0,
-        "points_gained": 0,
-        "detection_change_max": error,
-        "bytes": 1000,
-        "memory_mb": 300.0,
-        "build_seconds": 100.0,
-        "build_start_seconds": BESIDE_S,
-        "build_jobs": 1,
-    }
-
-
-def test_a_budget_takes_what_saves_most_for_its_error() -> None:
-    rows = [
-        (Setting("a", "1", {}, True), _row(0.5, 0.01)),
-        (Setting("a", "2", {}, True), _row(0.4, 0.2)),
-        (Setting("b", "1", {}, True), _row(0.9, 0.001)),
-        (Setting("c", "not the same catalogue", {}, False), _row(0.1, 0.0)),
-        (Setting("d", "slower", {}, True), _row(2.0, 0.05)),
-    ]
-    usual = _row(1.0, 0.0)
-
-    def taken(budget_s: float | None, error: float | None) -> list[str]:
-        return [one.knob + one.value for one in proposal(rows, usual, budget_s, error)]
-
-    assert taken(95.0, None) == ["b1"]
-    assert taken(50.0, None) == ["b1", "a1"]
-    assert taken(None, 0.005) == ["b1"]
-    assert taken(None, 0.02) == ["b1", "a1"]
-    assert taken(None, 0.0) == []
-    assert taken(250.0, None) == taken(100.0, None) == []
-    # a start that no setting shortens
-    assert taken(1.0, None) == taken(BESIDE_S, None) == ["b1", "a1"]
-    # few places evaluated, many other points, which are worth as much
-    two = _row(0.7, 0.0) | {"matched_share": 0.28, "points_lost": 15, "points_gained": 15}
-    rows.append((Setting("passes", "2", {}, True), two))
-    assert taken(None, 0.0) == ["passes2"]
-    two["usable_ratio"] = 0.9
-    assert taken(None, 0.0) == []
-    # what runs of the configuration itself differ by is no saving
-    usual["seconds_interval"] = [0.9, 1.05]
-    assert taken(None, 1.0) == ["a1"]
-    assert taken(95.0, None) == ["a1"]
-
-
-def test_a_budget_above_the_time_takes_finer_settings() -> None:
-    """Those that change most for their time, one of an approximation, while they fit; nothing coarser, nothing without effect."""
-    finer = {"turned": True, "finer": True}
-    rows = [
-        (Setting("a", "1", {}, **finer), _row(1.5, 0.01)),
-        (Setting("a", "2", {}, **finer), _row(1.5, 0.02)),
-        (Setting("b", "1", {}, **finer), _row(1.4, 0.04)),
-        (Setting("c", "coarse", {}, True), _row(0.5, 0.1)),
-        (Setting("d", "dear", {}, **finer), _row(30.0, 0.1)),
-        (Setting("e", "free", {}, **finer), _row(1.0, 0.001)),
-        (Setting("f", "equal", {}, **finer), _row(1.0, 0.0)),
-        (Setting("g", "other", {}, finer=True), _row(1.0, 0.5)),
-    ]
-
-    def taken(budget_s: float) -> list[str]:
-        found = proposal(rows, _row(1.0, 0.0), budget_s, None)
-        return [one.knob + one.value for one in found]
-
-    assert taken(100.0) == ["efree"]
-    assert taken(145.0) == ["b1", "efree"]
-    assert taken(155.0) == ["b1", "efree"]  # for a2 there is no time left
-    assert taken(210.0) == ["b1", "a2", "efree"]
-    assert taken(1e4) == ["b1", "a2", "efree", "ddear"]
-
-
-def test_finer_settings_are_known() -> None:
-    """By the registry: what leaves less out than the defaults, and no other."""
-    config = CONFIG.replaced(
-        {"model.reflectance": "lommel-seeliger:rolo", "model.ring_max_km": 400.0}
-    )
-    finer = {(one.knob, one.value) for one in knobs.settings(config) if one.finer}
-    assert {knob for knob, _ in finer} == {one.name for one in APPROXIMATIONS if one.fineness} - {
-        "far terrain",  # whose alternatives are nearer
-        "two passes",  # the default is one
-    }
-    assert {value for knob, value in finer if knob == "accuracy tier"} == {"high", "reference"}
-    assert {value for knob, value in finer if knob == "rounding of height errors"} == {
-        "0.01 of the value"
-    }
-    assert ("search at half resolution first", "full resolution") in finer
-    assert {one.turned for one in knobs.settings(config) if one.finer} == {True}
-
-
 def test_times_are_over_the_median_of_runs_between(
     build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -515,21 +415,6 @@ def test_two_passes_choose_among_all_areas(build: Build, tmp_path: Path) -> None
     assert row["usable_ratio"] == pytest.approx(worth[1] / worth[0])
 
 
-def test_a_budget_measures_first_what_it_may_take() -> None:
-    """For less time or an error the coarser alternatives, what saves most on the sample first; for more time the finer ones."""
-    config = CONFIG.replaced({"points.image_scales": 2, "model.ring_max_km": 400.0})
-    wanted = knobs.settings(config)
-    coarser, finer = (knobs.for_budget(wanted, finer) for finer in (False, True))
-    assert {id(one) for one in coarser} == {id(one) for one in finer} == {id(one) for one in wanted}
-    for order, is_finer in ((coarser, False), (finer, True)):
-        may = [one.turned and one.finer == is_finer for one in order]
-        assert may == sorted(may, reverse=True)
-        assert 5 < sum(may) < len(may)
-    saved = [one.on_sample for one in coarser if one.turned and not one.finer]
-    assert saved == sorted(saved)
-    assert ("two passes", 0.69) in [(one.knob, one.on_sample) for one in coarser[:4]]
-
-
 def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     """Of this scene, of such ground and of other ground, each for itself; what was not tried is counted."""
     assert found.best_row is not None
@@ -563,48 +448,6 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     (only,) = knob_table.best_said(none)
     assert "nothing measured saves time for certain and changes at most 5 %" in only
     assert knob_table.best_said(dataclasses.replace(some, best_row=None)) == []
-
-
-def test_what_together_keeps_too_little_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two alternatives whose points are worth as much each, and less together: the second is left out."""
-    rows = [
-        (
-            Setting("a", "1", {"points.rivals": 12}, True),
-            _row(0.5, 0.001) | {"knob": "a", "value": "1"},
-        ),
-        (
-            Setting("b", "1", {"points.error_step": 0.4}, True),
-            _row(0.6, 0.01) | {"knob": "b", "value": "1"},
-        ),
-    ]
-
-    class Told:
-        def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
-            both = len(best.values) == 2
-            return told | ({"usable_ratio": 0.9} if both else {})
-
-    usual = _row(1.0, 0.0) | {"seconds": 1.0}
-    best, row = confirmation._best(Told(), rows, usual, Budget(error=0.05))
-    assert best.value == "a: 1"
-    assert row["usable_ratio"] == 1.0
-    monkeypatch.setattr(Told, "row", lambda self, best, told: told)
-    assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1; b: 1"
-    for worth in (0.9, None):  # too little, or not known, as that of two passes
-        rows[1][1]["usable_ratio"] = worth
-        assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1"
-
-
-def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
-    """No more points are lost than there are; what is usable multiplies, so that too little is seen without a confirmation."""
-    one, two = (
-        _row(0.5, 0.01) | {"points_lost": lost, "points_gained": 12, "usable_ratio": 0.96} | named
-        for lost, named in ((20, {"knob": "a", "value": "1"}), (10, {"knob": "b", "value": "2"}))
-    )
-    told = together_row(_row(1.0, 0.0) | {"seconds": 1.0}, [one, two])
-    assert (told["points_lost"], told["points_gained"], told["points"]) == (28, 24, 24)
-    assert told["usable_ratio"] == pytest.approx(0.9216)
-    assert not keeps_enough(told)
-    assert (told["detection_change_max"], told["detection_change_mean"]) == (0.01, None)
 
 
 def test_the_worth_of_points_is_their_usable_share(found: Trade, build: Build) -> None:
@@ -649,29 +492,6 @@ def test_names_in_the_chart_cover_nothing() -> None:
             for b in boxes[:k]
         )
     assert charts._names([("x" * 200, (400.0, 200.0))], []) == []
-
-
-@pytest.mark.parametrize(
-    "given",
-    [
-        (1.0, 0.1, 9.0),
-        (0.0, None, 9.0),
-        (None, 2.0, 9.0),
-        (1.0, None, 0.0),
-        (None, None, -1.0),
-        *(
-            (one, other, limit)
-            for one, other, limit in [
-                (math.nan, None, 9.0),
-                (None, math.nan, 9.0),
-                (None, None, math.nan),
-            ]
-        ),
-    ],
-)
-def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None, float]) -> None:
-    with pytest.raises(ConfigError):
-        require_one(*given)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.02, 0.1])
