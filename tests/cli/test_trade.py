@@ -5,7 +5,6 @@ incomplete output.
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 
 import h5py
@@ -174,8 +173,7 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The command names a configuration, two builds are made with the user's and with that, and compared here by place: as
-    much changes and as much time is saved as was said. Of alternatives with the same Suns, whose points do not depend on
-    what is chosen in other areas.
+    much changes as was said. Of alternatives with the same Suns, whose points do not depend on what is chosen in other areas.
     """
     every = confirmation.settings
     same = "one direction per area", "searched again near the limit", "number of rivals"
@@ -191,7 +189,7 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     assert run(["trade", DEM, "-o", str(folder), "--config", str(toml), *asked]) == 0
     capsys.readouterr()
     document = json.loads((folder / "trade.json").read_text())
-    best, own = document["best"], document["rows"][0]
+    best = document["best"]
     assert best["asked"] == {"seconds": None, "error": 0.05}
     assert best["value"]
     assert best["areas"] == document["compared"]["areas_of"]
@@ -199,18 +197,10 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     lines = (folder / "best.toml").read_text().splitlines()
     assert [line[2:] for line in lines if line.startswith("# ")] == document["best_said"]
 
-    spent, builds = [], [tmp_path / "own.h5", tmp_path / "best.h5"]
-    first = tmp_path / "first.h5"  # loads kernels
-    for config, output in ((toml, first), *zip((toml, folder / "best.toml"), builds, strict=True)):
-        begun = time.process_time()
+    builds = [tmp_path / "own.h5", tmp_path / "best.h5"]
+    for config, output in zip((toml, folder / "best.toml"), builds, strict=True):
         built = ["build-catalog", DEM, "--config", str(config), "-o", str(output)]
         assert run([*built, "--jobs", "1", "--try-cures", "0"]) == 0
-        spent.append(time.process_time() - begun)
-    # without what both begin with
-    start_s = best["build_start_seconds"]
-    said = (best["build_seconds"] - start_s) / (own["build_seconds"] - start_s)
-    assert said < 0.9
-    assert spent[2] / spent[1] == pytest.approx(said, rel=0.3)
 
     (old, known, works), (new, also, still) = (_flags(path) for path in builds)
     away_m = 1737400.0 * np.linalg.norm(old[:, None] - new, axis=2)
