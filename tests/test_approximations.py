@@ -37,6 +37,7 @@ from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.exports.flight import ANGLE_STEPS
 from lcp_catalog.kernels.resampling import heights
+from lcp_catalog.landmarks.detection import _PROBITS_OF_SEARCH
 from lcp_catalog.matching.templates import TOLERANCE_PX
 from lcp_catalog.production.build_decisions import TURNED
 from lcp_catalog.production.config import SUN_ELEVATIONS_DEG, BuildConfig, ViewConfig
@@ -84,7 +85,15 @@ APART = {
 
 RUNS = "cluster", "cures", "estimate", "executor", "worker_memory", "camera_views", "kept_ground"
 
-FUNCTIONS = {"kernels.resampling.heights.sample", "light.bounced_light.bounced_at_points"}
+FUNCTIONS = {
+    "cameras.trajectory.Attitude",
+    "cameras.trajectory.Track",
+    "kernels.resampling.heights.sample",
+    "landmarks.detection.top_probability",
+    "light.bounced_light._gathered",
+    "light.bounced_light._reached",
+    "light.bounced_light.bounced_at_points",
+}
 """Approximations that no constant marks; numbers within functions: `test_literals`."""
 
 
@@ -317,6 +326,9 @@ def test_figures_of_errors_are_those_of_the_code() -> None:
         "inverse of a camera": INVERSE_TOLERANCE_PX,
         "shape of a patch in an image": TOLERANCE_PX,
         "blur of a simulated frame": 1.0 - (1.0 - 2.0 * stats.norm.sf(REACH)) ** 2,
+        "places that a search refuses": 2.0 * stats.norm.cdf(0.5 * (0.77 - _PROBITS_OF_SEARCH))
+        - 1.0,
+        "motion of a camera between rows of its table": 0.001 * 10.0**2 / 8.0,
         "steps of the flight file": 0.5 * 180.0 / ANGLE_STEPS,
         "rounding of height errors": 100.0 * (math.exp(0.5 * STEP) - 1.0),
         "one direction to the Sun from an area": math.degrees(half_m / ASTRONOMICAL_UNIT_M),

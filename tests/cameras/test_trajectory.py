@@ -5,6 +5,7 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.cameras.trajectory import Attitude, Track, Trajectory
 
 TIMES = np.array([-3.0, -1.5, -1.0, 0.2, 1.0, 2.5, 2.75, 3.0, 4.0, 5.0, 6.5])
@@ -81,6 +82,22 @@ def test_rotations_turn_at_a_constant_rate_between_times():
     expected = after * Slerp(TIMES, turns)(QUERIES)
     there = Rotation.from_quat(found[:, [1, 2, 3, 0]])
     assert (there * expected.inv()).magnitude().max() < 1e-13
+
+
+def test_what_lies_between_rows_is_as_stated():
+    """A rate that changes by 0.001 deg/s in a second, about one axis, rows 10 s apart."""
+    turn = np.radians(0.5 * 0.001 * np.array([0.0, 10.0]) ** 2 + 0.2 * np.array([0.0, 10.0]))
+    found = Attitude(np.array([0.0, 10.0]), _about_x(turn)).at(np.linspace(0.0, 10.0, 101))
+    times = np.linspace(0.0, 10.0, 101)
+    exact = np.radians(0.5 * 0.001 * times**2 + 0.2 * times)
+    off = np.degrees(2.0 * np.arctan2(found[:, 1], found[:, 0]) - exact)
+    name = "motion of a camera between rows of its table"
+    stated = next(one for one in APPROXIMATIONS if one.name == name).error
+    assert np.abs(off).max() == pytest.approx(stated.value, rel=1e-6)
+
+
+def _about_x(turn):
+    return np.stack([np.cos(turn / 2.0), np.sin(turn / 2.0), 0.0 * turn, 0.0 * turn], axis=-1)
 
 
 def test_camera_axes_of_a_trajectory():

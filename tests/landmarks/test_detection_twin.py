@@ -134,6 +134,18 @@ def test_broad_peaks_lose_fits():
         covariance = np.diag([sigma**2, 0.01])[None]
         found = settling_probability(replace(match, covariance_px2=covariance))
         assert found[0] == pytest.approx(kept, abs=1e-9)
+    # shares of 3568 searches that were lost, by sigma: those of `detection._LOST`
+    for sigma, lost in (
+        (0.25, 0.01),
+        (0.45, 0.04),
+        (0.55, 0.08),
+        (0.7, 0.12),
+        (1.0, 0.21),
+        (1.5, 0.37),
+    ):
+        covariance = np.diag([sigma**2, 0.01])[None]
+        found = settling_probability(replace(match, covariance_px2=covariance))
+        assert found[0] == pytest.approx(1.0 - lost, abs=0.0101)  # "within 0.01", as its row says
 
 
 @pytest.mark.parametrize("length", [0.0, 1.5, 4.0])

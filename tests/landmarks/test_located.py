@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lcp_catalog.approximations import APPROXIMATIONS
+from lcp_catalog.landmarks import located
 from lcp_catalog.landmarks.located import (
     MOST_UNITS,
     Units,
@@ -90,6 +91,33 @@ def test_the_points_that_units_cost_are_stated() -> None:
     stated = next(one for one in APPROXIMATIONS if one.name == "units of a promise").error
     assert len(more) > 40
     assert 100.0 * np.mean(more) == pytest.approx(stated.value, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "constant", "values"),
+    [
+        ("failures in common", "COMMON_VARIANCE", (0.08, 0.13)),
+        ("wrong matches", "WRONG", (0.0, 0.1)),
+    ],
+)
+def test_what_constants_of_frames_change_is_stated(
+    monkeypatch: pytest.MonkeyPatch, name: str, constant: str, values: tuple[float, float]
+) -> None:
+    """Probability to be located with each end of what frames allow, over numbers of points, claims and cells."""
+
+    def table() -> np.ndarray:
+        claims, chances = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9), [chance_of(m) for m in (10.0, 474.0)]
+        numbers = range(4, 121)
+        return np.array(
+            [[[equal_points(n, p, c) for n in numbers] for p in claims] for c in chances]
+        )
+
+    usual, moved = table(), []
+    for value in values:
+        monkeypatch.setattr(located, constant, value)
+        moved.append(np.abs(table() - usual).max())
+    stated = next(one for one in APPROXIMATIONS if one.name == name).error
+    assert max(moved) == pytest.approx(stated.value, rel=0.02)
 
 
 def test_units_rise_with_the_probability() -> None:

@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.approximations import APPROXIMATIONS
@@ -12,8 +14,9 @@ from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light import bounced_light
 from lcp_catalog.light.bounced_light import SHOWS, bounced_at_points, bounced_bound, bounced_sample
+from lcp_catalog.light.solar_disc import share_at_points
 from lcp_catalog.light.sources import Lighting, SurfacePoints
-from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, reflectance_model
+from lcp_catalog.photometry.laws import LAMBERT_ALBEDO, radiance_under, reflectance_model
 from lcp_catalog.rendering import decisions
 from lcp_catalog.rendering.plan import plan_scene
 from lcp_catalog.rendering.renderer import Method, render_enu
@@ -22,6 +25,7 @@ from lcp_catalog.terrain.heightfield import Heightfield
 from lcp_catalog.terrain.relief_bounds import nodes_enu
 from lcp_catalog.terrain.terrain import Terrain
 
+ROOT = Path(__file__).resolve().parents[2]
 LAMBERT = reflectance_model("lambert")
 UP = np.array([0.0, 0.0, 1.0])
 SUN = direction_enu(90.0, 25.0)
@@ -152,8 +156,81 @@ def test_the_second_bounce_of_a_crater_is_the_share_that_is_stated(monkeypatch):
     terrain = crater()
     _, points, normals = dark_nodes(terrain)
     found = share_of_the_second(monkeypatch, terrain, points, normals)
-    stated = next(one for one in APPROXIMATIONS if one.name == "second bounce of light").error
-    assert 100.0 * found == pytest.approx(stated.value, rel=0.02)
+    assert 100.0 * found == pytest.approx(stated_error("second bounce of light"), rel=0.02)
+
+
+def stated_error(name):
+    return next(one for one in APPROXIMATIONS if one.name == name).error.value
+
+
+@pytest.fixture(scope="module")
+def sample():
+    """The sample's heights in cells of 474 m, without the Moon's curvature."""
+    with rasterio.open(ROOT / "sample_data/hadley_gld100_256ppd.tif") as file:
+        z = file.read(1)
+    return z.reshape(z.shape[0] // 4, 4, z.shape[1] // 4, 4).mean((1, 3))
+
+
+def part_of(z, row0, row1, col0, col1):
+    """The terrain of a part of the heights, its first node in the place that it has in the whole."""
+    cell_m = 473.8
+    part = np.ascontiguousarray(z[row0:row1, col0:col1], np.float32)
+    field = Heightfield(part, cell_m, col0 * cell_m, -row0 * cell_m)
+    window = NodeWindow(row0, row1, col0, col1)
+    index = np.zeros(part.shape, np.int16)
+    return Terrain(field, EnuFrame(0.0, 0.0), field.whole, window, index, ("made",))
+
+
+def in_shadow(z, row, col, sun):
+    """The whole terrain, its light, and up to 4000 of its nodes in shadow in the area of 96 nodes around a node."""
+    whole, light = part_of(z, 0, z.shape[0], 0, z.shape[1]), Lighting.of_sun(sun)
+    area = np.s_[row - 48 : row + 48, col - 48 : col + 48]
+    nodes = nodes_enu(whole.field, whole.field.whole)[area].reshape(-1, 3)
+    at = SurfacePoints(nodes, whole.field.normals()[area].reshape(-1, 3).astype(np.float64), UP)
+    dark = np.flatnonzero(~bounced_light._reached(whole, light.first, at))
+    some = dark[np.linspace(0, len(dark) - 1, min(len(dark), 4000)).astype(int)]
+    return whole, light, at.some(some)
+
+
+def test_penumbrae_of_ground_that_reflects_are_as_stated(monkeypatch, sample):
+    """Each place met sees a share of the disc, in place of its centre or nothing."""
+    whole, light, at = in_shadow(sample, 320, 320, direction_enu(200.0, 5.0))
+    plain = bounced_at_points(whole, light, at, LAMBERT, TIERS["draft"])
+
+    def shared(terrain, lights, hits, model, _brightness):
+        sun = lights.first.direction.vector
+        share = share_at_points(terrain.field, hits.points_m, sun, TIERS["high"])
+        return share * radiance_under(
+            hits.normals, sun, hits.towards, hits.normals @ sun > 0.0, model
+        )
+
+    monkeypatch.setattr(bounced_light, "_direct", shared)
+    soft = bounced_at_points(whole, light, at, LAMBERT, TIERS["draft"])
+    rms = np.sqrt(np.mean((soft - plain) ** 2)) / plain.mean()
+    assert 100.0 * rms == pytest.approx(
+        stated_error("penumbrae on the ground that reflects"), rel=0.02
+    )
+    assert abs(soft.mean() / plain.mean() - 1.0) < 0.002
+
+
+@pytest.mark.parametrize(
+    ("row", "col", "azimuth_deg", "elevation_deg", "border", "lost"),
+    [(320, 320, 90.0, 20.0, 0, None), (200, 400, 90.0, 2.0, 36, 0.13)],
+)
+def test_light_by_way_of_ground_beyond_an_area_is_as_stated(
+    monkeypatch, sample, row, col, azimuth_deg, elevation_deg, border, lost
+):
+    """The same directions and the same shadows, but only ground of the area and its border."""
+    whole, light, at = in_shadow(sample, row, col, direction_enu(azimuth_deg, elevation_deg))
+    reached, directions = bounced_light._reached, bounced_light._directions
+    monkeypatch.setattr(bounced_light, "_directions", lambda _, tier: directions(whole.field, tier))
+    monkeypatch.setattr(bounced_light, "_reached", lambda _, *given: reached(whole, *given))
+    every = bounced_at_points(whole, light, at, LAMBERT, TIERS["draft"])
+    reach = 48 + border
+    part = part_of(sample, row - reach, row + reach, col - reach, col + reach)
+    found = bounced_at_points(part, light, at, LAMBERT, TIERS["draft"])
+    stated = 0.01 * stated_error("ground beyond an area, in its bounced light")
+    assert 1.0 - found.mean() / every.mean() == pytest.approx(lost or stated, abs=0.005)
 
 
 def test_tiers_agree_within_their_errors():

@@ -15,8 +15,10 @@ from helpers.posed import camera
 from scipy.integrate import quad
 from scipy.stats import norm, poisson
 
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.landmarks.ground_votes import RIVAL_Z, ground_shows
+from lcp_catalog.landmarks import ground_votes
+from lcp_catalog.landmarks.ground_votes import RIVAL_Z, VoteTable, ground_shows, offsets_of
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.consensus import agree
 from lcp_catalog.matching.joint_detection import (
@@ -167,3 +169,27 @@ def test_a_query_states_it() -> None:
     chances = list(said["probability_at_least"].values())
     assert chances == sorted(chances, reverse=True)
     assert list(said["probability_at_least"])[:2] == ["1", "2"]
+
+
+def test_what_the_level_of_rivals_changes_is_stated(monkeypatch):
+    """Probability that the votes of 10 to 200 equal points are significant, with each level that frames made likeliest,
+    and with levels of a vote 0.01 apart.
+    """
+
+    def table():
+        numbers = np.arange(10, 201, 5)[:, None]
+        claims = (0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
+        shown = [
+            VoteTable((p,), offsets_of(64)).shows(numbers, np.ones(len(numbers))) for p in claims
+        ]
+        return np.array(shown) @ ground_votes.WEIGHTS
+
+    usual, moved = table(), []
+    for level in (2.72, 2.74):
+        with monkeypatch.context() as other:
+            other.setattr(ground_votes, "RIVAL_Z", level)
+            moved.append(np.abs(table() - usual).max())
+    stated = next(one for one in APPROXIMATIONS if one.name == "votes of all points").error
+    assert max(moved) == pytest.approx(stated.value, rel=0.02)
+    monkeypatch.setattr(ground_votes, "_Z", np.linspace(-8.0, 20.0, 2801))
+    assert np.abs(table() - usual).max() == pytest.approx(0.006, abs=0.0005)

@@ -18,7 +18,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.public import read_sensor
 from lcp_catalog.cameras.view import looking_camera
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.writing import write_catalog
@@ -43,6 +45,7 @@ from lcp_catalog.simulation.frame import (
     sun_position,
     windowed,
 )
+from lcp_catalog.simulation.output import simulate
 from lcp_catalog.simulation.patch_surface import PatchSurface, is_catalog
 
 PLACE = EnuFrame(200.4, -30.6)
@@ -371,3 +374,25 @@ def test_a_catalogue_is_known_by_its_first_bytes(dem, tmp_path):
     middle = EnuFrame(ground.catalog.overview.center_lon, ground.catalog.overview.center_lat)
     towards = middle.direction_from_mcmf(ground.sun_position_mcmf_m - middle.origin_mcmf_m)
     np.testing.assert_allclose(azimuth_elevation(towards), [90.0, 20.0])
+
+
+def test_what_two_rays_a_side_leave_is_stated() -> None:
+    """Fifty pixels of the sample, two cells wide, under 5 deg of Sun: against eight rays a side."""
+    folder = Path(__file__).parents[2] / "sample_data"
+    photo = read_sensor(folder / "AS15-M-0414_camera.json")
+    assert isinstance(photo, Camera)
+    half = replace(
+        photo,
+        focal_length_px=photo.focal_length_px / 2.0,
+        principal_point_px=(25.0, 25.0),
+        image_size_px=(50, 50),
+        sun_position_mcmf_m=None,
+    )
+    dem = folder / "hadley_gld100_256ppd.tif"
+    few, many = (
+        simulate(dem, half, (100.0, 5.0), samples=n, seed=1, gsd_m=CELL_M).radiance.astype(float)
+        for n in (2, 8)
+    )
+    rms = np.sqrt(np.nanmean((few - many) ** 2)) / np.nanmean(many)
+    stated = next(one for one in APPROXIMATIONS if one.name == "rays of a simulated frame").error
+    assert 100.0 * rms == pytest.approx(stated.value, rel=0.02)
