@@ -20,6 +20,8 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from helpers.archive_files import Product
 
+    from lcp_catalog.production.run import Level
+
 HERE = Path(__file__).resolve().parent
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job of a shell
@@ -167,6 +169,28 @@ def rasters_opened_here() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(raster_files, "call_apart", lambda function, name, seconds: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def start_measured_once() -> Iterator[None]:
+    """What a build takes beside its areas, for which a small one is made in a process of its own, is measured once for a number
+    of jobs.
+    """
+    from lcp_catalog.production import estimate
+    from lcp_catalog.tradeoff import knobs
+
+    known: dict[int, estimate.Start] = {}
+    start_of = estimate.start_of
+
+    def remembered(level: Level, jobs: int) -> estimate.Start:
+        if jobs not in known:
+            known[jobs] = start_of(level, jobs)
+        return known[jobs]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (estimate, knobs):
+            patch.setattr(module, "start_of", remembered)
         yield
 
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import os
+import tempfile
 import time
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,22 +19,27 @@ from ..approximations import SWITCHES
 from ..arrays import AnyArray, Index
 from ..catalog.schema import evaluated, usable
 from ..choices import NO_MAP
+from ..dem.public import dem_paths
 from ..ephemeris.solar_position import highest_sun_deg
+from ..errors import AreaFailedError
 from ..landmarks.selection import Places, select
 from ..memory import peak_mb, resident_mb
 from ..rendering.costs import WITHIN, priced
 from ..rendering.decisions import Decision
 from ..stages import shares_of_time
 from ..threads import limit_threads
-from .area_job import AreaResult, conditions_at, run_area
+from .area_job import AreaJob, AreaResult, conditions_at, run_area
 from .assembly import BLOCK_BYTES, choose, spacing_m
 from .build_decisions import turned_flags
-from .executor import are_forked
+from .executor import are_forked, children_start, processes, stop_early
 from .finished_area import free_detection, record_type, table_of, units_of
 from .planned_frames import SampledPoints, planned_frames
 from .promise import PromisedPlaces
+from .recipe import InputFiles
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, overview_bytes
-from .run import Build, Level, most_poleward
+from .run import Build, BuildRun, Level, most_poleward
+from .two_passes import areas_in_passes
+from .warm_up import compile_kernels, missing
 
 FILE_BYTES = 70_000
 """Size of a catalogue file without points: HDF5 structures and chunks (measured: 180 and 182 kB in the format of
@@ -40,36 +51,6 @@ STORED_SHARE = 0.8
 
 STORED_CLAIMS = 0.3
 """Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
-
-START_S = 3.0
-"""Greatest time that the imports and the plan are taken for; it is the processor time of the process until
-now, which was 1.2 to 1.8 s on the sample."""
-
-FINISH_S = 0.3
-"""Time of the choice of the points and of the file, on the sample."""
-
-BESIDE_S = 2.3
-"""Processor time of a build besides its areas: imports, plan, kernels that are read, processes, and `FINISH_S` (builds of 10 and
-20 km of the sample, in one process: 2.3 to 2.9 s in all, 2b1335ac, 2026-11-27)."""
-
-APART_S = 3.2
-"""Processor time that a build in several processes takes besides: imports of the one that they are forked from, and what each of
-them loads (1.4 times what `BESIDE_S` was there; 30 and 90 km of the sample, two and four jobs, e94c45d2, 2026-11-28, load 10).
-"""
-
-
-def beside_s(jobs: int) -> float:
-    """Processor time of a build besides its areas, with a number of processes."""
-    return BESIDE_S + (APART_S if jobs > 1 else 0.0)
-
-
-FIRST_S = 0.5
-"""Greatest time that the first area of a process takes longer than others, for compiled kernels that are
-read (0.2 to 0.3 s). It is measured; kernels that are not compiled yet are not counted: the plan leaves them
-compiled."""
-
-WORKER_START_S = 0.5
-"""Time that worker processes add to that of the areas (0.3 to 0.7 s)."""
 
 NOT_MAPPED_MB = 110.0
 """Of the libraries' files, which the process that plans has in memory and a worker that is forked has not
@@ -111,6 +92,62 @@ _CLAIM_BYTES = 6
 """Bytes of the claims of one condition and image scale: probability 1, sigmas 2 each, angle 1."""
 
 
+@dataclass(frozen=True)
+class Start:
+    """Time that a build takes beside its areas, seconds, and the processor time of all its processes: imports, plan, kernels that
+    are loaded, processes, choice and file; not the sums of input files.
+    """
+
+    seconds: float
+    cpu_s: float
+
+
+def start_of(level: Level, jobs: int) -> Start:
+    """What a build of a level in ``jobs`` processes takes beside its areas, on this machine now: a build of as many of its
+    smallest areas, in a process of its own as that of the command is, less what these take when kernels are loaded. Errors as
+    an area's; AreaFailedError if the process dies.
+    """
+    compile_kernels(missing("build-catalog"))
+    some = sorted((job for job in level.jobs if job.work), key=lambda job: job.work)[:jobs]
+    with tempfile.TemporaryDirectory() as folder, processes(1) as pool:
+        begun = time.monotonic()
+        try:
+            with children_start():
+                called = pool.submit(_small_build, replace(level, jobs=tuple(some)), jobs, folder)
+            spent, own, again_s = called.result()
+        except BrokenProcessPool as error:
+            raise AreaFailedError("the process that measures the start of a build died") from error
+        whole_s = time.monotonic() - begun - again_s
+    return Start(max(0.0, whole_s - own.seconds / max(1, len(some))), max(0.0, spent - own.cpu_s))
+
+
+def _small_build(level: Level, jobs: int, folder: str) -> tuple[float, Start, float]:
+    """Build a level, from its plan to its file. Return the processor time of this process and those that it started; the time of
+    the level's areas alone, when kernels are loaded; and the time that was taken for this.
+    """
+    logging.disable()  # what there is to say the caller has said
+    planned = Build.plan(dem_paths(level.recipe.dems), level.recipe.config)
+    build = replace(planned, levels=(level,), inputs=InputFiles())
+    BuildRun(build, Path(folder, "c.h5"), jobs=jobs, advises=False).whole()
+    stop_early()  # processes that have ended count
+    spent, built_s = sum(os.times()[:4]), time.monotonic()
+    with limit_threads(1):
+        _compute(level.jobs)
+        begun, begun_cpu_s = time.monotonic(), time.process_time()
+        _compute(level.jobs)
+        own = Start(time.monotonic() - begun, time.process_time() - begun_cpu_s)
+    return spent, own, time.monotonic() - built_s
+
+
+def _compute(jobs: Sequence[AreaJob]) -> None:
+    """Compute areas as a build of them alone does."""
+    if jobs[0].recipe.config.points.two_passes:
+        areas_in_passes(jobs, len(jobs), lambda _, job: run_area(job))
+        return
+    for job in jobs:
+        run_area(job)
+
+
 def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any]:
     """The document of a plan: numbers of areas and conditions, and from a few computed areas the memory, time, file size and
     scene plan, each of its decisions with its switch and the share of the areas' time that it takes (`costs.priced`;
@@ -120,8 +157,8 @@ def estimate(build: Build, workers: int, cluster: bool = False) -> dict[str, Any
 
     cluster: the workers are those of a dask cluster, which are not forked from a process of this build.
     """
-    start_s = min(time.process_time(), START_S) + FINISH_S
-    start_s += WORKER_START_S if workers > 1 else 0.0
+    level = build.levels[0]
+    start_s = start_of(level, 1 if cluster else min(workers, len(level.jobs))).seconds
     forked = are_forked() and not cluster
     levels = [_estimate(level, workers, start_s, forked) for level in build.levels]
     return levels[0] if len(levels) == 1 else _together(build, levels, start_s)
@@ -139,7 +176,7 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     sample = order[len(order) // 2]
     planned_mb = peak_mb(), resident_mb()
     measured = _spread(order, sample)
-    first_s, seconds, results, costs = _measured(level, measured)
+    seconds, results, costs = _measured(level, measured)
     ground = {k: level.jobs[k].nodes for k in order}
     share = sum(ground.values()) / sum(ground[k] for k in measured)
     candidates = share * sum(len(result.candidates) for result in results)
@@ -159,7 +196,7 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
         "memory_mb_per_worker": round(peak_mb() - (NOT_MAPPED_MB if forked and not here else 0.0)),
         "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
-            start_s + first_s + _seconds(level, measured, seconds, min(workers, len(level.jobs))), 1
+            start_s + _seconds(level, measured, seconds, min(workers, len(level.jobs))), 1
         ),
         "bytes_estimate": file_bytes(level, points),
         "decisions": [
@@ -361,17 +398,16 @@ def _sun_decision(level: Level) -> dict[str, Any]:
 
 def _measured(
     level: Level, indices: list[int]
-) -> tuple[float, list[float], list[AreaResult], dict[str, float]]:
-    """Seconds that the first area takes longer the first time; seconds of areas, on one thread, without that; their results;
-    and the shares of that time by effect (`stages.shares_of_time`).
+) -> tuple[list[float], list[AreaResult], dict[str, float]]:
+    """Seconds of areas, on one thread, when kernels are loaded; their results; and the shares of that time by effect
+    (`stages.shares_of_time`).
     """
+    seconds, results = [], []
     with limit_threads(1):
-        start = time.perf_counter()
         run_area(level.jobs[indices[0]])
-        first_s, seconds, results = time.perf_counter() - start, [], []
         with shares_of_time() as costs:
             for index in indices:
                 start = time.perf_counter()
                 results.append(run_area(level.jobs[index]))
                 seconds.append(time.perf_counter() - start)
-    return min(max(first_s - seconds[0], 0.0), FIRST_S), seconds, results, costs
+    return seconds, results, costs

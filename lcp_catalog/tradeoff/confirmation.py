@@ -11,7 +11,6 @@ from typing import Any
 
 from ..approximations import APPROXIMATIONS
 from ..errors import AreaFailedError, ConfigError
-from ..production.config import BuildConfig
 from ..production.run import Build
 from ..stages import Progress, unseen
 from .knob_rows import Written, row_of, rows_of
@@ -89,7 +88,7 @@ def measure_all(
     spent_s = sum(baseline_s) + sum(row["seconds"] for _, row in done)
     pace = (time.monotonic() - begun) / spent_s  # wall time for a second of processor time
     area_s = pace * first["seconds"] / len(chosen)
-    confirmation = Confirmation(build, config, len(chosen), workers, until, area_s)
+    confirmation = Confirmation(sample, len(chosen), workers, until, area_s)
     best, best_row = _best(confirmation, done, first, budget)
     tried = [setting for setting, _ in done]
     untried = sum(one.turned and one.finer == finer and one not in tried for one in wanted)
@@ -155,8 +154,7 @@ class Confirmation:
     ``area_s``, the time of an area of the user's configuration.
     """
 
-    build: Build
-    config: BuildConfig
+    sample: Sample
     least: int
     workers: int
     until: float
@@ -174,18 +172,19 @@ class Confirmation:
         count, row = max(CONFIRMED, self.least), None
         while count > self.least and not self.fits(count, told["seconds_relative"]):
             count = max(self.least, count // 2)
-        while self.fits(min(count, len(self.build.jobs)), told["seconds_relative"]):
+        while self.fits(min(count, len(self.sample.build.jobs)), told["seconds_relative"]):
             row = self._of(best, count)
             around, share = row["interval"], row["conditions_changed_share"] or 0.0
             close = around is None or around[1] - around[0] <= 2.0 * CLOSE * share
-            if close or row["areas"] == len(self.build.jobs):
+            if close or row["areas"] == len(self.sample.build.jobs):
                 break
             count *= 2
         return row or told
 
     def _of(self, best: Setting, count: int) -> dict[str, Any]:
-        jobs = [self.build.jobs[i] for i in spread(self.build, count)]
-        sample, own = Sample(self.build, self.config, jobs), Setting("", "as configured", {})
+        build, own = self.sample.build, Setting("", "as configured", {})
+        jobs = [build.jobs[i] for i in spread(build, count)]
+        sample = Sample(build, self.sample.config, jobs, self.sample.starts)
         measured = Measurement(sample, self.workers, math.inf)
         found = {one.knob: outcome for one, outcome in measured.outcomes([own, best])}
         usual, outcome = found[own.knob], found[best.knob]

@@ -23,11 +23,10 @@ from ..landmarks.selection import Places, nearest
 from ..production.area_job import Candidates
 from ..production.assembly import choose
 from ..production.config import BuildConfig
-from ..production.estimate import beside_s, file_bytes
+from ..production.estimate import file_bytes
 from ..production.finished_area import table_of
 from ..production.run import BuildRun, Level
-from ..threads import cores
-from .knobs import Measurement, Outcome, Row, Sample, Setting, ratio_interval
+from .knobs import Measurement, Outcome, Row, Sample, Setting, default_jobs, ratio_interval
 from .point_changes import sigma_m, some_of, usable_points
 
 NEAR_CELLS = 2.0
@@ -159,7 +158,7 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     worth = [usable_points(some, rows) for some, rows in points]
     lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
     areas_s, around_s = found.areas_s()
-    jobs = min(cores(), len(found.level.jobs))
+    start_s = sample.start_s(found.level)
     return {
         "knob": setting.knob,
         "value": setting.value,
@@ -169,10 +168,10 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "seconds": found.cpu_s,
         "seconds_relative": areas_s / usual.areas_s()[0],
         "seconds_interval": None,
-        "build_jobs": jobs,
-        "build_start_seconds": beside_s(jobs),
-        "build_seconds": areas_s + beside_s(jobs),
-        "build_interval": around_s and [one + beside_s(jobs) for one in around_s],
+        "build_jobs": default_jobs(found.level),
+        "build_start_seconds": start_s,
+        "build_seconds": areas_s + start_s,
+        "build_interval": around_s and [one + start_s for one in around_s],
         "memory_mb": found.peak_mb,
         "bytes": file_bytes(found.level, len(chosen[1].lon_deg) / sample.share),
         # with light by way of other ground a node in shadow is not black

@@ -28,11 +28,12 @@ from ..plots.numbers import number
 from ..production.area_job import AreaJob, AreaResult, Candidates, area_sweep, run_area
 from ..production.areas import AreaGrid
 from ..production.config import BuildConfig
+from ..production.estimate import start_of
 from ..production.executor import children_start, processes
 from ..production.recipe import InputFiles, Recipe
 from ..production.run import Build, Level
 from ..production.two_passes import areas_in_passes
-from ..threads import limit_threads
+from ..threads import cores, limit_threads
 from .image_errors import CONTRAST, ImageChanges, judge
 from .point_changes import joined, some_of
 
@@ -165,8 +166,16 @@ def window_shifts(known: Array, seen: Array, side: int) -> Array:
 class Sample:
     """Some areas of a build, and what every setting gives on their ground."""
 
-    def __init__(self, build: Build, config: BuildConfig, jobs: Sequence[AreaJob]) -> None:
+    def __init__(
+        self,
+        build: Build,
+        config: BuildConfig,
+        jobs: Sequence[AreaJob],
+        starts: dict[tuple[int, bool], float] | None = None,
+    ) -> None:
         self.build, self.jobs, self.level = build, jobs, build.levels[0]
+        self.starts = {} if starts is None else starts
+        """What is known of `start_s`, by jobs and passes."""
         self.config, self.grid = config, jobs[0].grid
         self.boxes = {(job.task.row, job.task.column): k for k, job in enumerate(jobs)}
         self.nodes = {(job.task.row, job.task.column): job.nodes for job in self.level.jobs}
@@ -182,6 +191,13 @@ class Sample:
             jobs = (dataclasses.replace(job, recipe=own) for job in self.level.jobs)
             return Level(own, self.level.cell, tuple(jobs))
         return Level.plan(own, dataclasses.replace(self.level.cell, gsd_m=cell_m), None, None)
+
+    def start_s(self, level: Level) -> float:
+        """Processor time that a build of a level takes beside its areas (`start_of`)."""
+        known = default_jobs(level), level.recipe.config.points.two_passes
+        if known not in self.starts:
+            self.starts[known] = start_of(level, known[0]).cpu_s
+        return self.starts[known]
 
     def parts(self, level: Level) -> list[tuple[AreaJob, float, AreaJob | None]]:
         """The areas of a level that reach into the sample, the share of each that does, and the area of the user's
@@ -217,6 +233,11 @@ class Sample:
     def _boxes_at(self, lon_deg: Array, lat_deg: Array) -> list[tuple[int, int]]:
         row, column = self.grid.owner(lon_deg, lat_deg)
         return list(zip(row.tolist(), column.tolist(), strict=True))
+
+
+def default_jobs(level: Level) -> int:
+    """Processes of a build of a level, if no number is given."""
+    return min(cores(), len(level.jobs))
 
 
 def _work(jobs: Sequence[AreaJob]) -> float:

@@ -6,9 +6,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,8 +35,9 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, direction_enu, lonlat_to_mcmf
 from lcp_catalog.landmarks.error_model import ErrorModel
-from lcp_catalog.production import area_job
-from lcp_catalog.production.area_job import AreaJob, area_sweep, run_area
+from lcp_catalog.production import area_job, executor
+from lcp_catalog.production import estimate as estimates
+from lcp_catalog.production.area_job import AreaJob, AreaResult, area_sweep, run_area
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
 from lcp_catalog.production.error_config import ErrorConfig
 from lcp_catalog.production.estimate import _seconds, estimate
@@ -403,6 +407,50 @@ def test_the_time_is_estimated_from_a_large_and_a_small_area(plan: Build) -> Non
     assert shared == pytest.approx(total / 2.0)
     # a small area that took longer than the large one: no time is negative
     assert _seconds(plan.levels[0], places, [2.0, 3.0], 1) == pytest.approx(2.0 * len(plan.jobs))
+
+
+def test_the_start_is_what_a_build_takes_beside_its_areas(
+    plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock that stands still but for steps: of all that is done it counts the plan, what is loaded with the first area, and
+    the file.
+    """
+    now, loaded = [100.0], [False]
+    areas, finish, planned = estimates.run_area, BuildRun.finish, Build.plan
+
+    def area(job: AreaJob) -> AreaResult:
+        now[0] += 5.0 if loaded[0] else 8.0
+        loaded[0] = True
+        return areas(job)
+
+    def passed(seconds: float, function: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            now[0] += seconds
+            return function(*arguments)
+
+        return call
+
+    clock = SimpleNamespace(process_time=lambda: now[0], monotonic=lambda: now[0])
+    monkeypatch.setattr(estimates, "time", clock)
+    monkeypatch.setattr(estimates.os, "times", lambda: (now[0] - 100.0, 0.0, 0.0, 0.0, 0.0))
+    monkeypatch.setattr(estimates, "run_area", area)
+    monkeypatch.setattr("lcp_catalog.production.run.run_area", area)
+    monkeypatch.setattr(BuildRun, "finish", passed(7.0, finish))
+    monkeypatch.setattr(Build, "plan", passed(11.0, planned))
+    monkeypatch.setattr("logging.disable", lambda: None)
+    level = dataclasses.replace(plan.levels[0], jobs=plan.jobs[:2])
+    spent, own, again_s = estimates._small_build(level, 1, str(tmp_path))
+    assert (own.seconds, own.cpu_s, again_s) == (10.0, 10.0, 20.0)
+    assert spent - own.cpu_s == 11.0 + 3.0 + 7.0
+
+
+def test_the_start_has_the_time_of_all_processes(plan: Build) -> None:
+    """Also that of the process from which others are forked, which ends after this one."""
+    before = os.times()
+    executor.start_early()
+    executor.stop_early()
+    after = os.times()
+    assert sum(after[2:4]) > sum(before[2:4]) or not executor.are_forked()
 
 
 def test_the_size_of_the_file_is_estimated(plan: Build, built: Path) -> None:

@@ -10,7 +10,6 @@ from helpers.trades import CONFIG
 
 from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.errors import ConfigError
-from lcp_catalog.production.estimate import BESIDE_S
 from lcp_catalog.tradeoff import (
     confirmation,
     knobs,
@@ -39,7 +38,7 @@ def _row(relative: float, error: float) -> dict[str, Any]:
         "bytes": 1000,
         "memory_mb": 300.0,
         "build_seconds": 100.0,
-        "build_start_seconds": BESIDE_S,
+        "build_start_seconds": 2.0,
         "build_jobs": 1,
     }
 
@@ -64,7 +63,7 @@ def test_a_budget_takes_what_saves_most_for_its_error() -> None:
     assert taken(None, 0.0) == []
     assert taken(250.0, None) == taken(100.0, None) == []
     # a start that no setting shortens
-    assert taken(1.0, None) == taken(BESIDE_S, None) == ["b1", "a1"]
+    assert taken(1.0, None) == taken(2.0, None) == ["b1", "a1"]
     # few places evaluated, many other points, which are worth as much
     two = _row(0.7, 0.0) | {"matched_share": 0.28, "points_lost": 15, "points_gained": 15}
     rows.append((Setting("passes", "2", {}, True), two))
