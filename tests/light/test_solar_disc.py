@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from helpers.synthetic import cratered
 from helpers.twins_disc import LAW, cap_share, ridge_share, sampled_share, towards
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
@@ -246,8 +246,14 @@ def nodes_as_points(field: Heightfield) -> np.ndarray:
     st.sampled_from([0.0, 90.0, 180.0, 270.0]) | st.floats(0, 360),
     st.floats(-1, 60),
 )
+@example(
+    "cratered", 312, 270.0, 0.0
+)  # a node that sees the whole disc: points 0.99994 by nine strips
 def test_where_no_penumbra_can_be_there_is_none(kind, seed, azimuth_deg, elevation_deg) -> None:
-    """Points always get horizons; nodes are excluded beforehand by the steepest facet."""
+    """Points always get horizons; nodes are excluded beforehand by the steepest facet. A horizon beside the disc that
+    rises with azimuth is above the limb in a part of a strip, though not at its middle, so strips err where nothing is
+    hidden: where the two differ, rays to all of the disc say the same as the node.
+    """
     rng = np.random.default_rng(seed)
     z = cratered(24, seed=seed) if kind == "cratered" else rng.normal(size=(24, 24)) * 8
     if kind == "spikes":
@@ -262,7 +268,11 @@ def test_where_no_penumbra_can_be_there_is_none(kind, seed, azimuth_deg, elevati
     points = share_at_points(field, nodes_as_points(field), sun, HIGH, disc).reshape(field.shape)
     # horizons jump along the border: the two outer rows are left out
     inner = (slice(2, -2), slice(2, -2))
-    np.testing.assert_allclose(beforehand[inner], points[inner], atol=2e-6)
+    apart = np.abs(beforehand[inner] - points[inner]) > 2e-6
+    if apart.any():
+        by_rays = sampled_share(field, sun, disc.radius_rad, 24)
+        np.testing.assert_allclose(beforehand[inner][apart], by_rays[inner][apart], atol=1e-9)
+        assert np.isin(beforehand[inner][apart], (0.0, 1.0)).all()
     rim = on_rim(field, field.whole)  # half of the disc may be beyond the raster: not tested
     np.testing.assert_allclose(beforehand[rim], points[rim], atol=2e-6)
 
