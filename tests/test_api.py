@@ -94,6 +94,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_example(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,6 +120,7 @@ def test_example(
     assert error @ np.linalg.solve(fix.pose.position_covariance_m2, error) < 3 * 3.0**2
 
 
+@pytest.mark.slow
 def test_a_day_with_the_functions(folder: Path, tmp_path: Path) -> None:
     """Two catalogues from a DEM, joined, asked, exported, and validated with a simulated frame: what one
     function says agrees with the others.

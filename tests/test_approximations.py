@@ -227,6 +227,7 @@ def test_every_package_is_classified() -> None:
     assert not {*COMPUTES, *ALSO} & set(APART)
 
 
+@pytest.mark.slow
 def test_an_approximation_that_is_left_out_is_noticed() -> None:
     for k, one in enumerate(APPROXIMATIONS):
         rest = (*APPROXIMATIONS[:k], *APPROXIMATIONS[k + 1 :])
@@ -340,6 +341,7 @@ def test_figures_of_errors_are_those_of_the_code() -> None:
     assert 100.0 * TIERS["draft"].sky_rms == ERRORS["light other than the Sun's"].value
 
 
+@pytest.mark.slow
 def test_figures_of_maps_and_heights_are_measured_again() -> None:
     """The Moon's contrast, what coarse cells lose of the sample's heights, and cubic convolution beside quintic splines."""
     with rasterio.open(ROOT / "lcp_catalog/photometry/moon_albedo_643nm_11ppd.tif") as file:

@@ -169,6 +169,7 @@ NAMES = (
 """Names with characters that make reads in its own way."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")
 @pytest.mark.parametrize("target", ["out", "o ut", "o#t", "o$t", "o|t"])
 def test_make_finds_every_file_of_a_rule(target, tmp_path):
@@ -366,6 +367,7 @@ def test_an_exchange_that_fails_otherwise_changes_nothing(tmp_path, monkeypatch)
     assert _files(tmp_path) == ["maps", f"maps/{MANIFEST}", "maps/one.lmk"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux exchanges two names at once")
 def test_there_is_always_a_whole_folder_while_it_is_replaced(tmp_path):
     """A second process looks for it all the time."""

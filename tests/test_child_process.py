@@ -64,6 +64,7 @@ def test_the_smaller_limit_is_the_one_that_is_said() -> None:
     assert said == "needs more than 600 MB of memory\n"
 
 
+@pytest.mark.slow
 def test_a_function_that_waits_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(child_process, "_WALL_FACTOR", 1.0)
     with pytest.raises(ChildFailedError, match="takes more than 1 s"):

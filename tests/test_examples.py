@@ -77,6 +77,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_example_of(name: str, scene: dict[str, Any]) -> None:
     """Every public name has an example, and it prints what it says."""

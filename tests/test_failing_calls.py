@@ -71,6 +71,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 def test_the_library_lets_each_call_fail(tmp_path: Path) -> None:
     environment = os.environ | {"LD_PRELOAD": str(failing.built(tmp_path))}
     root = Path(__file__).resolve().parents[1]
@@ -126,7 +127,7 @@ for before in ({}, own, shared, {**own, **shared}):
     calls = attempts.run("", attempts.place(before)).calls
     faults = [failing.Fault(kind, nth, error, failing.ALONE.get(how, how))
               for kind in calls for error, how in failing.KINDS[kind] for nth in range(1, calls[kind] + 1)]
-    for fault in faults if sys.argv[2] == "all" else faults[::6]:
+    for fault in faults:
         place, tried = attempts.place(before), tried + 1
         ends = [attempts.run("", place, fault), attempts.run("", place)]
         whole = [cache._read(path) is not None for path in place.rglob("*.kernel")]
@@ -136,12 +137,12 @@ print(json.dumps([tried, wrong]))
 """
 
 
-@pytest.mark.parametrize("which", ["some", pytest.param("all", marks=pytest.mark.slow)])
-def test_a_file_of_a_kernel_that_is_not_read_or_written_is_none(which: str, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_file_of_a_kernel_that_is_not_read_or_written_is_none(tmp_path: Path) -> None:
     """In the user's folder and in the shared one: the kernel is compiled, and its value is right."""
     environment = os.environ | {"LD_PRELOAD": str(failing.built(tmp_path))}
     root = Path(__file__).resolve().parents[1]
-    command = [sys.executable, "-c", KERNELS, str(tmp_path / "runs"), which]
+    command = [sys.executable, "-c", KERNELS, str(tmp_path / "runs")]
     ended = subprocess.run(
         command, cwd=root, env=environment, capture_output=True, text=True, check=True
     )
@@ -175,6 +176,7 @@ print(json.dumps([stations, len(forked), len(faults),
 """
 
 
+@pytest.mark.slow
 def test_a_fork_of_a_command_ends_as_the_command(tmp_path: Path) -> None:
     """One that forks shortly before the call that fails, and one that runs from its start."""
     environment = os.environ | {"LD_PRELOAD": str(failing.built(tmp_path))}
@@ -227,12 +229,13 @@ def test_what_a_command_leaves_is_judged(
     assert "the input in is changed" in trial.wrong(SOUND, {"in": b"2", "out": b"new"}, WRITE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
         "--only dem*check export*.lmk inspect --spread 3 --kinds open read rename fsync --errors EIO",
-        pytest.param("--only render --malloc 60 --kinds malloc", marks=pytest.mark.slow),
-        pytest.param("--only query --malloc 100 --kinds malloc", marks=pytest.mark.slow),
+        "--only render --malloc 60 --kinds malloc",
+        "--only query --malloc 100 --kinds malloc",
     ],
 )
 def test_a_few_commands_survive_a_few_calls(words: str) -> None:

@@ -78,6 +78,7 @@ def require_untouched(folder: Path, *words: str | Path) -> None:
     assert (done.returncode, "planted" in done.stderr) == (0, False), done.stderr
 
 
+@pytest.mark.slow
 def test_a_build_of_two_processes(folder: Path) -> None:
     build = [LCP, "build-catalog", DEM, "--config", "build.toml", "-o", "x.h5", "--jobs", "2"]
     require_untouched(folder, *build)
@@ -89,6 +90,7 @@ def test_a_trade(folder: Path) -> None:
     require_untouched(folder, LCP, "trade", DEM, "-o", "out", *words)
 
 
+@pytest.mark.slow
 def test_a_thread_that_opens_a_catalogue(folder: Path) -> None:
     write_catalog(catalogs.catalog(3), folder / "c.h5")
     (folder.parent / "thread.py").write_text(THREAD)

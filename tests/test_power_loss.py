@@ -39,6 +39,7 @@ def require_whole(log: Recorder, output: Path, old: dict[str, bytes]) -> None:
     assert log.steps[last][0].keys() >= new.keys(), "the name is given after the folder was synced"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", EXPORTS)
 def test_an_export(ending: str, tmp_path: Path) -> None:
     """One that is new, and one that replaces another."""
@@ -54,6 +55,7 @@ def test_an_export(ending: str, tmp_path: Path) -> None:
         old = files(output)
 
 
+@pytest.mark.slow
 def test_a_build(tmp_path: Path) -> None:
     """The catalogue, and every checkpoint of its areas."""
     (tmp_path / "b.toml").write_text(CONFIG.to_toml())

@@ -109,6 +109,7 @@ def test_a_real_isd_against_the_twin(real, name):
         assert np.abs(ray - theirs[1]).max() < 5e-11  # rounding of a line's tables
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_ground_to_image_against_the_twin(real, name):
     """The twin finds the line by bisection and the framelet by trying all of them."""

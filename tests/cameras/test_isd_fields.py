@@ -187,6 +187,7 @@ def everywhere(document, before=""):
             yield from everywhere(value, f"{before}{key}.")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "turn"), [(orbital_framer, 0), (orbital_line_scan, 1), (orbital_push_frame, 2)]
 )

@@ -280,6 +280,7 @@ def test_projection_in_the_framelet_of_the_found_pixel():
 # poses, footprints and pixel sizes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_pose_does_not_stop_at_the_edges_of_framelets(seed):
     """Pose half a kilometre off; every point found, to a tenth of a pixel, in any framelet that

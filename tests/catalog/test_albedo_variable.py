@@ -95,6 +95,7 @@ def catalog(built: tuple[Build, Path]) -> Catalog:
     return open_catalog(built[1])
 
 
+@pytest.mark.slow
 def test_brightness_alone_makes_points(ball: Path, catalog: Catalog, tmp_path: Path) -> None:
     """Corners, localisation and uniqueness are those of the images with albedo; level terrain has
     none of its own.
@@ -295,6 +296,7 @@ class TestTheFile:
             assert "albedo" not in file
             assert "albedo_map" not in file.attrs
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("damage", "says"),
         [

@@ -163,6 +163,7 @@ def test_the_page_holds_coverage_and_heights() -> None:
     np.testing.assert_allclose(z * patches["step_m"], catalog.dem, atol=patches["step_m"])
 
 
+@pytest.mark.slow
 @in_browser
 @pytest.mark.parametrize(("view", "sun", "scale"), [(0, 0, 0), (1, 3, 0), (2, 5, 1)])
 def test_the_script_counts_as_the_catalogue_does(

@@ -58,6 +58,7 @@ def test_packing_loses_half_a_step_at_most(written: Path) -> None:
         assert np.nanmax(away) <= half * (1.0 + 1e-4), name
 
 
+@pytest.mark.slow
 def test_xarray_unpacks_it_by_name(written: Path) -> None:
     after = open_catalog(written)
     with xarray.open_dataset(written, engine="h5netcdf") as found:
@@ -156,6 +157,7 @@ def _first(condition: np.ndarray, wanted: np.ndarray) -> tuple[int, ...]:
     return tuple(int(i) for i in np.argwhere(wanted)[0])
 
 
+@pytest.mark.slow
 def test_flags_that_do_not_agree_with_the_probability_are_named(written: Path, tmp_path: Path) -> None:  # fmt: skip
     found = open_catalog(written)
     p = found.detection_probability[:, 0]
@@ -197,6 +199,7 @@ SPOILT: dict[str, tuple[Any, Any, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SPOILT)
 def test_a_spoilt_claim_is_named(copy: Path, name: str) -> None:
     index, value, says = SPOILT[name]

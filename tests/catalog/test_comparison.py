@@ -95,6 +95,7 @@ def largest(first: np.ndarray, second: np.ndarray) -> float:
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [2**24, 500])
 def test_points_are_compared_as_in_plain_loops(
     block: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -141,6 +142,7 @@ def test_points_are_compared_as_in_plain_loops(
     assert flags == sorted(flags, reverse=True)
 
 
+@pytest.mark.slow
 def test_order_and_version_do_not_count(tmp_path: Path) -> None:
     one = catalogs.catalog(9)
     other = replace(one.take(np.arange(9)[::-1]), software_version="another")

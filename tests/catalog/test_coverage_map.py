@@ -91,6 +91,7 @@ def test_cells_of_a_plane_are_its_nodes(region: Area, spacing_m: float) -> None:
     np.testing.assert_array_equal(shown, np.bincount(cells.status, minlength=6))
 
 
+@pytest.mark.slow
 def test_far_regions_have_a_map_of_bounded_size(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two sites on opposite sides of the Moon, with cells of 500 m; the map has a tenth of the nodes of others."""
     assert maps._MOST_NODES == 1_000_000
@@ -137,6 +138,7 @@ def test_gdal_places_the_coverage(tmp_path: Path) -> None:
         assert read["x_cell"].attrs["standard_name"] == "projection_x_coordinate"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value", "problem"),
     [

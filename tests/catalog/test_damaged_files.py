@@ -46,6 +46,7 @@ def _signed(path: Path, **attributes: str) -> None:
         catalogs.sign(file)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("checks_apart")
 def test_a_crash_of_the_library_is_one_line(
     copy: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
@@ -62,6 +63,7 @@ def test_a_crash_of_the_library_is_one_line(
     assert capfd.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("checks_apart")
 def test_a_bit_on_which_hdf5_crashes_is_one_line(
     copy: Path, capfd: pytest.CaptureFixture[str]
@@ -154,6 +156,7 @@ STRUCTURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", STRUCTURES, ids=lambda change: change.__name__)
 def test_nothing_outside_is_read_and_no_claim_is_believed(
     copy: Path, change: Callable[[Path], None]
@@ -229,6 +232,7 @@ TEXTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEXTS)
 def test_texts_that_a_report_could_not_show_are_refused(copy: Path, name: str) -> None:
     attribute, text, says = TEXTS[name]
@@ -255,6 +259,7 @@ def test_a_file_that_changes_after_it_was_opened_is_refused(copy: Path) -> None:
         _ = found.latitude
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("checks_apart")
 @pytest.mark.parametrize("what", ["open", "close"])
 def test_a_system_that_fails(
@@ -299,10 +304,11 @@ def test_inspect_needs_no_numbers_of_its_own_to_survive(copy: Path) -> None:
     assert json.loads(done.stdout)["intact"] is False
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("checks_apart")
-@pytest.mark.parametrize("count", [3, pytest.param(300, marks=pytest.mark.slow)])
-def test_damage_is_noticed_or_changes_no_value(written: Path, tmp_path: Path, count: int) -> None:
+def test_damage_is_noticed_or_changes_no_value(written: Path, tmp_path: Path) -> None:
     """`benchmarks/faults/damage.py` in small."""
+    count = 300
     for damages in ((damaged_catalogs.flip,), damaged_catalogs.RANGES):
         *_, found = damaged_catalogs.tried(written, tmp_path / "c.h5", damages, 3, count)
         assert found["noticed"] + found["harmless"] == found["tried"] == count

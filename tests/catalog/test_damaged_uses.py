@@ -23,6 +23,7 @@ def sound(whole: Path) -> dict[str, Any]:
     return catalog_uses.sound_outcomes(whole)
 
 
+@pytest.mark.slow
 def test_the_whole_file_is_taken_by_every_use(sound: dict[str, Any]) -> None:
     assert [use for use, found in sound.items() if isinstance(found, str)] == []
     assert len({str(found) for found in sound.values()}) == len(sound)
@@ -32,6 +33,7 @@ SILENT = (("point_id", "rows exchanged"), ("dem", "mirrored"))
 """Edits of which the checks of values find none."""
 
 
+@pytest.mark.slow
 def test_a_damaged_file_is_refused_or_gives_the_same(
     whole: Path, sound: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -54,6 +54,7 @@ def attributes_of(item: Any) -> dict[str, Any]:
     return {name: described(item.attrs[name]) for name in set(item.attrs) - left_out}
 
 
+@pytest.mark.slow
 def test_the_digest_of_the_content_is_that_of_the_documented_form(written: Path) -> None:
     with h5py.File(written) as file:
         groups, variables = {"": attributes_of(file)}, {}
@@ -104,6 +105,7 @@ def flipped(path: Path, place: int, bit: int) -> None:
     path.write_bytes(whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["dem", "longitude", "dem_product", "coverage/usable", "promise/cause", "overview_4/x"]
 )
@@ -146,6 +148,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", CHANGES)
 def test_what_describes_the_content_is_digested(copy: Path, change: str) -> None:
     with h5py.File(copy, "r+") as file:
@@ -197,16 +200,14 @@ def test_values_come_from_the_bytes_that_were_checked(
     assert len(seen) - before == 2
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(300, marks=pytest.mark.slow)])
-def test_a_bit_near_an_index_of_chunks_changes_no_value(
-    written: Path, tmp_path: Path, count: int
-) -> None:
+@pytest.mark.slow
+def test_a_bit_near_an_index_of_chunks_changes_no_value(written: Path, tmp_path: Path) -> None:
     """With the format of HDF5 1.8, whose records have no checksums, 4 of 400 such bits changed values
     silently.
     """
     whole, turned = written.read_bytes(), tmp_path / "turned.h5"
     assert {b"FAHD", b"FADB"} <= {name for name in damaged_catalogs.RECORDS if name in whole}
-    rng, refused = np.random.default_rng(count), 0
+    rng, refused, count = np.random.default_rng(300), 0, 300
     sound = catalogue.values(unchecked(written))
     for _ in range(count):
         damaged = bytearray(whole)

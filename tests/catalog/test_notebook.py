@@ -110,6 +110,7 @@ def test_a_wrong_call_is_told_what_is_wanted(kind: str, catalog: lcp.Catalog) ->
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_the_map_in_a_notebook_shows_relief_and_points(catalog: lcp.Catalog) -> None:
     """Each point has its mark where the plane of the overview has it; the whole text stays below 60 kB, also with many
     points and a large relief.
@@ -132,6 +133,7 @@ def test_the_map_in_a_notebook_shows_relief_and_points(catalog: lcp.Catalog) -> 
     assert len(replace(many, overview=overview)._repr_html_()) < 60_000
 
 
+@pytest.mark.slow
 def test_results_have_short_texts_with_plain_numbers() -> None:
     """Of a result with long arrays: its kind and what it says, in at most 300 characters."""
     ground, camera = navigable.everywhere_usable(200), posed.camera()
@@ -292,6 +294,7 @@ def test_drawings(catalog: lcp.Catalog, monkeypatch: pytest.MonkeyPatch) -> None
         catalog.plot("dem")
 
 
+@pytest.mark.slow
 def test_methods_are_the_functions(tmp_path: Path) -> None:
     ground = navigable.everywhere_usable(12)
     camera = posed.camera()
@@ -361,6 +364,7 @@ def test_a_seed_is_a_detector() -> None:
         lcp.simulate(catalogs.HADLEY, camera, (90, 20), seed=1, detector=lcp.Detector())
 
 
+@pytest.mark.slow
 def test_a_program_needs_no_guard_for_its_processes(tmp_path: Path) -> None:
     """Workers would import the program that runs and build again."""
     program = f"""

@@ -37,6 +37,7 @@ def test_what_the_page_uses_it_holds(html: str) -> None:
     assert used <= set(page.ids)
 
 
+@pytest.mark.slow
 @in_browser
 @pytest.mark.parametrize("width", [400, 600])
 def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path) -> None:

@@ -125,6 +125,7 @@ def test_faults_of_all_blocks_are_counted_together(
     assert "longitude: not in 0..360 (2 of 30; the first at [3])" in problems
 
 
+@pytest.mark.slow
 def test_a_window_of_many_points_needs_little_memory(tmp_path: Path) -> None:
     """`benchmarks/speed/scale.py` in small."""
     path = tmp_path / "many.h5"

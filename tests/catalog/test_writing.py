@@ -31,10 +31,12 @@ def write_in_parts(catalog: Catalog, path: Path, sizes: list[int], **spoilt: Any
         file.finish(catalog.coverage)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sizes",
     [
-        *(pytest.param(many, marks=pytest.mark.slow) for many in ([300], [60] * 5)),
+        [300],
+        [60] * 5,
         [1, 298, 1],
         [7] * 42 + [6],
     ],
@@ -65,6 +67,7 @@ def test_parts_that_are_wrong_are_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [0, 3_000, 40_000, 100_000, -1])
 def test_a_disk_that_is_full_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int

@@ -45,6 +45,7 @@ def rendered(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str], rasteri
         return bands, file.tags(), file.transform
 
 
+@pytest.mark.slow
 def test_a_render_is_the_one_without_times_the_factor(
     dem: str, albedo: str, tmp_path: Path
 ) -> None:
@@ -209,6 +210,7 @@ direction_tolerance_deg = 1.0
 ring_max_km = 5.0
 """
 
+    @pytest.mark.slow
     def test_a_catalogue_with_albedo(
         self, dem: str, albedo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:

@@ -166,6 +166,7 @@ CASES: dict[str, tuple[Callable[[dict[str, Product], Path], Path], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["info", "render"])
 @pytest.mark.parametrize("case", CASES)
 def test_bad_input_is_refused_in_one_line(

@@ -31,6 +31,7 @@ def told(*words: str) -> str:
     return done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", [["render", str(DEM), "-o", "x.tif"], ["export", str(DEM), "-o", "x.csv"]]
 )
@@ -40,6 +41,7 @@ def test_a_working_folder_that_is_gone(tmp_path: Path, words: list[str]) -> None
     assert "the working folder no longer exists; change to one that does" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit_mb", [300, 400])
 def test_libraries_that_do_not_fit_in_memory(tmp_path: Path, limit_mb: int) -> None:
     said = told(LIMITED, str(limit_mb), "render", str(DEM), "-o", str(tmp_path / "x.tif"))
@@ -86,6 +88,7 @@ def test_what_a_user_gave_is_not_printed_whole(
     assert "..." in said
 
 
+@pytest.mark.slow
 def test_kernels_that_shall_not_be_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -194,6 +194,7 @@ def test_plan_is_six_lines(tmp_path: Path, config: str, capsys: pytest.CaptureFi
         assert "cast shadows" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_two_passes_in_parts(
     tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -251,6 +252,7 @@ def test_messages_are_json_lines(
     assert printed.out == ""
 
 
+@pytest.mark.slow
 def test_flags_override_the_file(config: str, capsys: pytest.CaptureFixture[str]) -> None:
     flags = [
         "--view",
@@ -298,6 +300,7 @@ def test_noise_is_the_sensors(
     assert "points.image_noise is replaced by errors.sensor_noise" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
@@ -346,11 +349,12 @@ def test_mistakes_are_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("sent", "to_all", "code", "says"),
     [
         (signal.SIGINT, True, 130, "interrupted"),  # Ctrl-C: the terminal's whole process group
-        pytest.param(signal.SIGTERM, False, 143, "stopped by SIGTERM", marks=pytest.mark.slow),
+        (signal.SIGTERM, False, 143, "stopped by SIGTERM"),
         (signal.SIGKILL, False, -9, ""),
     ],
 )

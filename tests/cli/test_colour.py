@@ -74,6 +74,7 @@ def shot(folder: Path, out: Path, scene: str, albedo: str, *more: str) -> dict[s
         return dict(zip(file.descriptions, file.read(), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES)
 def test_each_colour_is_the_render_with_its_band(folder: Path, tmp_path: Path, scene: str) -> None:
     """Bit by bit; the radiance is their luminance, and no other band is touched."""

@@ -189,18 +189,16 @@ def _put(words: Words, inputs: Path) -> dict[str, bytes]:
 USES = _uses(".h5")
 
 
-@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "catalog"), USES)
 def test_a_damaged_catalogue_is_refused(
     name: str,
     catalog: str,
-    every: int,
     inputs: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: Any,
 ) -> None:
-    """The fast test takes every eighth kind, others for the next command."""
     monkeypatch.chdir(tmp_path)
     words = COMMANDS[name]
     _put(words, inputs)
@@ -210,7 +208,7 @@ def test_a_damaged_catalogue_is_refused(
     for path in set(Path().iterdir()) - before:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     wrong = {}
-    for kind in [*CATALOG_DAMAGE][USES.index((name, catalog)) % every :: every]:
+    for kind in CATALOG_DAMAGE:
         Path(catalog).write_bytes(_damaged(inputs / catalog, kind))
         wrong[kind] = _refused(words.line, words, capsys)
     assert {kind: text for kind, text in wrong.items() if text} == {}
@@ -261,6 +259,7 @@ LABEL_DAMAGE: dict[str, Damage] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["dem.tif", "LDEM_64.LBL"])
 @pytest.mark.parametrize("name", sorted({name for name, _ in _uses(".tif")}))
 def test_a_damaged_dem_is_refused(
@@ -287,9 +286,6 @@ def test_a_damaged_dem_is_refused(
 
 # -- kernels, messages and cameras
 
-SOME_OR_ALL = pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.slow)])
-"""Every fourth kind of damage, or all."""
-
 CAMERA_DAMAGE: dict[str, Damage] = {
     "cut": cut,
     "the last byte": lambda path: path.write_bytes(path.read_bytes()[:-1]) and None,
@@ -298,18 +294,17 @@ CAMERA_DAMAGE: dict[str, Damage] = {
 }
 
 
-@SOME_OR_ALL
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in COMMANDS if re.match("camera (from|ex)", name)])
 def test_a_damaged_kernel_message_or_camera_is_refused(
     name: str,
-    every: int,
     inputs: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: Any,
 ) -> None:
     """Or the output is as without damage, where nothing is lost that is used: fill bytes behind a kernel's end, another
-    instrument. The fast test takes a kind of damage for each file.
+    instrument.
     """
     monkeypatch.chdir(tmp_path)
     words = COMMANDS[name]
@@ -320,9 +315,9 @@ def test_a_damaged_kernel_message_or_camera_is_refused(
     output.unlink()
     capsys.readouterr()
     wrong = {}
-    for number, file in enumerate(files):
-        for kind in [*CAMERA_DAMAGE][number % every :: every]:
-            CAMERA_DAMAGE[kind](Path(file))
+    for file in files:
+        for kind, damage in CAMERA_DAMAGE.items():
+            damage(Path(file))
             wrong[file, kind] = _refused(words.line, words, capsys, whole)
             Path(file).write_bytes(files[file])
     assert {pair: text for pair, text in wrong.items() if text} == {}
@@ -380,17 +375,16 @@ def indexed(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("every", [10, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
 @pytest.mark.parametrize("name", INDEXED)
 def test_a_damaged_index_or_shard_is_refused(
     name: str,
-    every: int,
     indexed: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: Any,
 ) -> None:
-    """And the shard is named. The fast test takes every tenth kind, others for the next command."""
+    """And the shard is named."""
     shutil.copytree(indexed, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     words, wrong = INDEXED[name], {}
@@ -404,7 +398,7 @@ def test_a_damaged_index_or_shard_is_refused(
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     capsys.readouterr()
     for file, kinds in (("both.lcpx", INDEX_DAMAGE), ("west.h5", SHARD_DAMAGE)):
-        for kind in [*kinds][[*INDEXED].index(name) % every :: every]:
+        for kind in kinds:
             kinds[kind](Path(file))
             wrong[file, kind] = _refused(words.line, words, capsys, names=file)
             shutil.rmtree(file) if Path(file).is_dir() else None

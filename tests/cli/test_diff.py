@@ -29,6 +29,7 @@ def paths(tmp_path: Path) -> list[str]:
     return names
 
 
+@pytest.mark.slow
 def test_text_is_short(paths: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["diff", *paths]) == 4
     out = capsys.readouterr().out

@@ -136,6 +136,7 @@ print(json.dumps(found))
 """
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_grow_is_one_line(catalog: str, tmp_path: Path) -> None:
     """Libraries that write a file themselves: GDAL reports some failures, SPICE ends its process or says
     nothing. The limit stands in for a full disk.

@@ -56,6 +56,7 @@ CASES = [(centre, "standard") for centre in HILLS] + [
 """Where a hill is, is the terrain's affair, and its shadows the tier's: every hill, and every tier at four."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("centre", "tier"), CASES)
 def test_a_hill_is_lit_on_the_side_of_the_sun(moon, out, centre, tier):
     """East Sun: the east flank is bright; north Sun: the upper one. Also over the poles and seams."""
@@ -91,6 +92,7 @@ def test_the_same_place_by_another_name_is_the_same_picture(moon, tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("elevation", "gsd", "size"),
     [(90, 0.5, 0.01), *[(e, *s) for e in (90, 0, -0.4) for s in ((10_000, 2000), (2000, 0.001))]],
@@ -164,6 +166,7 @@ def test_from_just_above_the_summit(moon, out):
     assert (np.isfinite(bands["radiance"]) == (bands["visible"] > 0)).all()
 
 
+@pytest.mark.slow
 def test_from_a_million_kilometres_it_is_the_view_from_infinity(moon, tmp_path):
     area = [
         "--center",

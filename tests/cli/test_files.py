@@ -94,6 +94,7 @@ def test_every_command_knows_its_files(name: str) -> None:
 LINKS = itertools.cycle(["same", "symbolic", "hard"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "output", "other", "link"),
     [(*pair, link) for pair, link in zip(PAIRS, LINKS, strict=False)],

@@ -13,6 +13,7 @@ from lcp_catalog.catalog.verification import verify
 from lcp_catalog.catalog.writing import write_catalog
 
 
+@pytest.mark.slow
 def test_it_joins_catalogues(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     every = merges.whole(30)
     paths = [str(tmp_path / name) for name in ("a.h5", "b.h5")]

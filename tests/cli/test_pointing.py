@@ -155,6 +155,7 @@ def test_simulate_takes_the_same_camera(dem: str, tmp_path: Path) -> None:
     assert tag.items() <= json.loads(beside.read_text()).items()
 
 
+@pytest.mark.slow
 def test_looking_above_the_horizon(out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """From 40 km the limb is acos(R / (R + h)) = 12.2 deg below the horizontal: in a field of view
     of 60 deg the axis may be 5 deg above it, not 20.

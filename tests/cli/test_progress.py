@@ -69,6 +69,7 @@ def test_a_pipe_gets_a_line_now_and_then(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_the_log_of_a_long_task_is_short(
     clock: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -236,6 +237,7 @@ main()
 """A render that takes 2.5 s longer: a beat may be late on a busy machine."""
 
 
+@pytest.mark.slow
 def test_a_command_without_steps_says_that_it_works(tmp_path: Path) -> None:
     """On a pipe and on a terminal, where the line is replaced and taken away."""
     words = ["render", HADLEY, "--center", "3.5", "26", "--size", "9", "--gsd", "474"]
@@ -284,6 +286,7 @@ sys.exit(run(sys.argv[1:]))
 """
 
 
+@pytest.mark.slow
 def test_a_catalogue_is_checked_before_progress_starts_a_thread(tmp_path: Path) -> None:
     """A process of two threads is not forked, and a fresh interpreter takes 0.3 s for the check's imports."""
     write_catalog(navigable.everywhere_usable(2), tmp_path / "c.h5")

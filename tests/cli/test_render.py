@@ -284,6 +284,7 @@ def test_explain_beside_an_output(dem, out, capsys):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "how", [["--sun", "disc"], ["--surface", "sphere"], ["--bounce", "on"], ["--frame", "camera"]]
 )

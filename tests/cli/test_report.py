@@ -17,6 +17,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "c.h5"
 
 
+@pytest.mark.slow
 def test_it_writes_one_page(path: Path, capsys: pytest.CaptureFixture) -> None:
     page = path.with_name("page.html")
     assert run(["report", str(path), "-o", str(page)]) == 0

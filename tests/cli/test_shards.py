@@ -26,6 +26,8 @@ from lcp_catalog.exports.flight import HEADER
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.production.overlap import Agreement
 
+pytestmark = pytest.mark.slow
+
 SUN = "--sun-azimuth 100 --sun-elevation 17"
 HALVES = {"west": (2.1, 3.7), "east": (3.4, 4.9)}
 

@@ -84,6 +84,7 @@ BUSY = """
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("work", "says"),
     [

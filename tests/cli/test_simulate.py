@@ -247,6 +247,7 @@ def test_flags_bounds_are_the_librarys():
     assert max(int(bits) for bits in BITS) == BITS_MAX
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["LINE_SCANNER", "PUSH_FRAME"])
 def test_a_scanners_frame_and_the_isd_beside_it(folder, tmp_path, kind):
     """The given ISD, with the stated Sun: what took the frame; the same pixels as of ``lcp render``."""

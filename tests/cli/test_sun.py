@@ -160,6 +160,7 @@ def bare(tmp_path_factory):
     return files
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("where", "lon", "lat", "time"),
     [

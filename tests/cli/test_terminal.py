@@ -29,9 +29,10 @@ def dem(tmp_path: Path) -> Path:
     return geotiff(tmp_path / "dem.tif", heights, 1e5, 8e5, 500.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "closed",
-    ["<&- >&- 2>&-", *(pytest.param(c, marks=pytest.mark.slow) for c in ("2>&-", ">&- 2>&-"))],
+    ["<&- >&- 2>&-", "2>&-", ">&- 2>&-"],
 )
 def test_closed_streams(closed: str, dem: Path) -> None:
     """A command works, and a refusal has its exit code. What is printed goes into no file of the command."""
@@ -69,6 +70,7 @@ def test_a_name_that_is_not_utf8(dem: Path, capsys: Any) -> None:
     assert Path(f"{output}.d").read_bytes().endswith(b"/\xff.json\n")
 
 
+@pytest.mark.slow
 def test_a_message_of_gdal_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
     """rasterio's log cannot decode it and used to print a stack trace."""
     files = DamagedFiles("dem-pds4", tmp_path)

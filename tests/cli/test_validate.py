@@ -127,6 +127,7 @@ def test_the_depfile_names_what_was_read(place, report) -> None:
         assert name in rule
 
 
+@pytest.mark.slow
 def test_without_a_dem_the_patches_are_compared(place, capsys) -> None:
     require = "share_above_0_7>=0.99 and points_found>=1000"
     assert validated(place, "--json", "--require", require, out="patches") == 4
@@ -140,6 +141,7 @@ def test_without_a_dem_the_patches_are_compared(place, capsys) -> None:
     assert "patches" in windows["against"]
 
 
+@pytest.mark.slow
 def test_the_wrong_place_is_refused(place, capsys) -> None:
     """The same frame, stated to be half a degree further west, where there are also points."""
     document = json.loads((place / "true.json").read_text())
@@ -202,6 +204,7 @@ def test_wrong_flags_say_which(place, tmp_path, capsys, monkeypatch, flags, code
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys) -> None:
     """The make rule may be in the report's folder, which need not exist yet."""
     files = [str(place / "points.h5"), str(place / "frame.png"), "-o", str(tmp_path / "out")]
@@ -250,6 +253,7 @@ def test_a_single_image_that_cannot_be_opened_ends_it(place, tmp_path, capsys) -
         assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_beside_an_image_the_broken_ones_are_results(place, tmp_path, capsys) -> None:
     """Their reason is all that the report and the terminal say of them."""
     other = json.loads((place / "true.json").read_text()) | {"image_size_px": [640, 480]}
@@ -294,6 +298,7 @@ def scored(place, claims, out, camera, *more):
     return json.loads((out / "report.json").read_text()), rows
 
 
+@pytest.mark.slow
 def test_claims_are_scored(place, claims, tmp_path, capsys) -> None:
     """By the located camera: figures of the report are those of the table's rows."""
     require = "claims.count>=20 and brier<=1 and found_of_usable>=0.8, normalised_squared_error>0"
@@ -317,6 +322,7 @@ def test_claims_are_scored(place, claims, tmp_path, capsys) -> None:
     assert "reliability diagram" in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_known_camera_is_the_reference_of_errors(place, claims, tmp_path) -> None:
     """With the true camera errors are small; with a camera some 700 m off that is stated to be the
     true one they are as large as its error.
@@ -347,6 +353,7 @@ def test_a_known_camera_is_the_reference_of_errors(place, claims, tmp_path) -> N
     assert wrong["claims"]["count"] == plain["claims"]["count"]
 
 
+@pytest.mark.slow
 def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, tmp_path) -> None:
     """A wrong Sun: nothing is found that agrees, and with a known camera that counts against the
     claims.
@@ -364,6 +371,7 @@ def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, 
             assert image["claims"]["reason"] == "the image was not located"
 
 
+@pytest.mark.slow
 def test_errors_are_fitted_to_the_points_found(place, tmp_path, capsys, monkeypatch) -> None:
     """The file is a section of a BUILD.toml and holds the library's fit, of the residuals at the found place. The
     frame is rendered from the catalogue's own DEM, so that the fit finds small errors of heights and places.
@@ -459,6 +467,7 @@ def under_a_panorama(place):
     return panorama
 
 
+@pytest.mark.slow
 def test_a_frame_under_a_panorama(place, under_a_panorama):
     """Windows agree with renders under the panorama, less with those under its strongest source."""
     how = ["--camera", str(place / "lamps_camera.json"), "--dem", str(DEM), "--accuracy", "draft"]
@@ -508,6 +517,7 @@ def eight_bits(place: Path, name: str, gamma: float) -> Path:
     return place / name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "gamma", "better"), [("s.png", 2.4, "srgb"), ("l.png", 1.0, "linear")]
 )

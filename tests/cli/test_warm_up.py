@@ -14,6 +14,7 @@ from lcp_catalog.production import warm_up
 SMALL = Entry("vectors.multiple", "(int64, int64)", 0.1, ("build-catalog",))
 
 
+@pytest.mark.slow
 def test_warm_up_says_where_the_kernels_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -28,6 +29,7 @@ def test_warm_up_says_where_the_kernels_are(
     assert run(["warm-up", "--level", "x86-64-v9"]) == 2
 
 
+@pytest.mark.slow
 def test_a_command_says_that_it_compiles_and_only_then(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

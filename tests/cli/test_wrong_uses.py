@@ -137,6 +137,7 @@ def said(words: list[str], code: int, capsys: pytest.CaptureFixture[str]) -> str
     return text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "code", "says"), WRONG, ids=[line for line, _, _ in WRONG])
 def test_a_wrong_use_is_explained(
     line: str,
@@ -150,6 +151,7 @@ def test_a_wrong_use_is_explained(
     assert re.search(says, said(line.split(), code, capsys))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("line", "output"), RIGHT)
 def test_a_right_use_of_the_list_does_what_it_says(
     line: str, output: str, files: Path, monkeypatch: pytest.MonkeyPatch
@@ -223,6 +225,7 @@ CAMERAS: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
 """What is changed, and what must be said."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["query hadley.h5 --camera", "camera info --catalog hadley.h5"])
 @pytest.mark.parametrize("kind", CAMERAS)
 def test_a_wrong_camera_is_not_taken_silently(

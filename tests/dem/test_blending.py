@@ -70,6 +70,7 @@ near_meridians = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(near_meridians, near_seams, st.sampled_from((-1.0, 1.0)), st.floats(0.0, 360.0))
 def test_products_that_agree_are_one_surface(
@@ -274,6 +275,7 @@ class TestGeometry:
         np.testing.assert_allclose(smoothstep(t), [0.0, 0.0, 0.15625, 0.5, 1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_a_place_depends_on_nothing_else_that_is_asked(moon: DemSet, steps: DemSet) -> None:
     """Bit for bit: all at once, one by one, and in any company; over seams, edges, meridians, poles."""
     rng = np.random.default_rng(4)

@@ -55,6 +55,7 @@ def test_a_gap_over_the_meridian_of_the_box_is_one_piece() -> None:
     assert not gap.at_edge
 
 
+@pytest.mark.slow
 def test_a_narrow_gap_that_runs_aslant_is_one_piece() -> None:
     """A strip of 2 x 200 km beside the pole between two polar maps: its longitudes change by 53 degrees."""
     found = covered(

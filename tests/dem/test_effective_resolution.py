@@ -212,6 +212,7 @@ def test_the_cells_of_the_same_ground_hardly_matter():
     assert coarse_m == pytest.approx(fine_m, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "file",
     [
@@ -244,6 +245,7 @@ def test_a_file_that_is_written_again_is_measured_again(tmp_path):
         path.unlink()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("north_m", [700e3, 2_150e3])
 def test_pixels_of_a_cylinder_far_from_the_equator_are_measured_on_the_surface(tmp_path, north_m):
     """At 71 deg a pixel of 100 m is 33 m wide: means of three are about square. The ground has a

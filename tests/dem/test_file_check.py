@@ -18,6 +18,7 @@ from helpers.products import cut
 from lcp_catalog.dem.file_check import CheckResult, check_dem
 
 
+@pytest.mark.slow
 def test_every_product_is_sound(archive: dict[str, Product]) -> None:
     for product in archive.values():
         for path in product.opened_by:

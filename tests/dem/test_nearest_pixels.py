@@ -45,6 +45,7 @@ def test_a_place_without_a_pixel_is_taken_from_the_next_file_or_has_none(
     np.testing.assert_array_equal(nearest_heights(moon, lon, lat), [expected, np.nan])
 
 
+@pytest.mark.slow
 def test_a_map_of_the_whole_moon_reads_no_pixel_twice(
     moon: DemSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:

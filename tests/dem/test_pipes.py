@@ -84,6 +84,7 @@ def named_by_vrt(folder: Path) -> Path:
 TAKES = "opening it takes more than 1 s of processor time .* may be a pipe or a device"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "open_it", "says"),
     [

@@ -53,6 +53,7 @@ def said(path: Path) -> tuple[str, ...]:
     return found.warnings
 
 
+@pytest.mark.slow
 def test_real_products_are_not_doubted(shared_data: Path) -> None:
     for dem in sorted((shared_data / "dem").glob("*/[gl]*.tif")):
         assert said(dem) == (), dem
@@ -172,6 +173,7 @@ PLACE = ["--center", "3.8", "26.2"]
 ONE_SUN = ["--gsd", "474", "--sun-azimuths", "105", "--sun-elevations", "30"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -180,6 +180,7 @@ class TestShift:
         x0, y0 = at * (cols.start, 600)
         return geotiff(path, heights, x0, y0, affine.a)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("shared", [1000, 20])  # columns of 118 m
     @pytest.mark.parametrize(
         ("east_m", "north_m", "says"),
@@ -219,6 +220,7 @@ class TestShift:
         other = self.cut(tmp_path / "GLD100_256P_b.tif", slice(200, 1200), 60.0, 60.0)
         assert disagreements(DemSet.open([one, other]), self.WHOLE) == []
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("seed", range(8))
     def test_real_products_agree_about_the_place(
         self, seed: int, ldem_4: Path, shared_data: Path

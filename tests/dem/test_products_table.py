@@ -47,6 +47,7 @@ def test_the_table_is_whole(archive: dict[str, Product]) -> None:
     assert sorted(archive) == sorted(row[0] for row in TABLE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("image", [row[0] for row in TABLE])
 def test_each_product(archive: dict[str, Product], image: str, tmp_path: Path) -> None:
     """Facts, pixels, heights and file names of one product."""

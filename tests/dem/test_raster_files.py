@@ -375,6 +375,7 @@ def test_windows_go_through_large_blocks_one_after_the_other(tmp_path: Path) -> 
     assert sum(one != other for one, other in itertools.pairwise(blocks)) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_long_reading_ends_with_a_signal(
     sent: signal.Signals,

@@ -41,6 +41,7 @@ def radiance(dem: str, albedo: str | Path | None = None) -> np.ndarray:
     return np.asarray(lcp.render(dem, **AREA, albedo=albedo).radiance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "start", ["{url}/bucket/", "/vsicurl/{url}/bucket/", "s3://bucket/", "/vsis3/bucket/"]
 )
@@ -79,6 +80,7 @@ def test_provenance_is_size_and_etag_and_another_content_shows(
     assert state_of(path) != state
 
 
+@pytest.mark.slow
 def test_what_cannot_be_watched_or_read_is_refused(folder: Path, served: Served) -> None:
     with range_server(folder, tags=False) as silent, pytest.raises(DemError, match="download"):
         lcp.dem_set(f"{silent.url}/bucket/{NAME}")

@@ -139,6 +139,7 @@ def ground_means(pixels: np.ndarray, lon: np.ndarray, lat: np.ndarray, cell_m: f
     return np.array(out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lat", [85.3, 87.0, 88.5, 89.5, 89.9])
 def test_noise_is_averaged_over_the_ground(noise: tuple[DemSet, np.ndarray], lat: float) -> None:
     """One-pixel noise has the spread of true means over the cell's area; sampled without averaging it has 3 to 20 times as

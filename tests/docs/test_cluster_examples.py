@@ -58,6 +58,7 @@ def start(folder: Path, script: str, **variables: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.slow
 def test_an_array_job_runs_what_gives_the_bytes_of_one_build(
     shared_folder: Path, whole: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,6 +43,7 @@ def test_a_spheres_disc(spec, phase):
         assert disc_reflectance(law, phase) == pytest.approx(exact, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_phase_chart_has_a_line_and_a_name_for_each_law():
     laws = [reflectance_model(spec) for spec in SPECS[:8]]
     svg = phase_curve_chart(laws)

@@ -166,6 +166,7 @@ def test_a_leap_second_moves_the_sun_by_a_second():
     assert np.diff(lons) == pytest.approx([-second_deg] * 2, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_lunation_and_the_latitude_bound():
     start = dt.datetime(1995, 3, 1)
     points = [subsolar_point(start + dt.timedelta(days=11.3 * k)) for k in range(1500)]

@@ -52,6 +52,7 @@ def _spice(meta: Path, *kernels: Path) -> list[str]:
     return [str(meta.parent / name) for name in TEXTS] + [str(one) for one in kernels]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solved", [False, True])
 def test_spice_finds_the_cameras_in_their_kernels(
     meta: Path, files: list[Path], tmp_path: Path, solved: bool
@@ -77,6 +78,7 @@ def test_spice_finds_the_cameras_in_their_kernels(
         spiceypy.unload(kernels)
 
 
+@pytest.mark.slow
 def test_between_cameras_the_orbit_goes_on(meta: Path, files: list[Path], tmp_path: Path) -> None:
     """A minute apart: type 13 with the kernels' velocities, and with those of the positions alone."""
     halfway = "2026-03-01T00:01:30"
@@ -95,6 +97,7 @@ def test_between_cameras_the_orbit_goes_on(meta: Path, files: list[Path], tmp_pa
         assert np.linalg.norm(1e3 * np.asarray(there) - truth) < near
 
 
+@pytest.mark.slow
 def test_a_scan_has_its_trajectory_in_the_kernels(meta: Path, tmp_path: Path) -> None:
     """What is read from the written kernels looks where the scanner looks; solved and not."""
     orbiter = lcp.SpiceCamera("MY_ORBITER", "MY_SCANNER", meta)

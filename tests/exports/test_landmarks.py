@@ -143,6 +143,7 @@ def test_missing_heights_are_missing(tmp_path: Path) -> None:
     assert maplet["height_cells"][0, 3] == 0.0
 
 
+@pytest.mark.slow
 def test_rays_of_spice_meet_the_patches(points: ExportedPoints, tmp_path: Path) -> None:
     """Rays from 100 km above hit the nodes, and between the nodes of a cell its triangles."""
     path = tmp_path / "site.bds"
@@ -176,6 +177,7 @@ def _assert_hit(handle, segment, wanted_km: np.ndarray, up: np.ndarray) -> None:
     assert np.linalg.norm(found - wanted_km) < 1e-6  # a millimetre
 
 
+@pytest.mark.slow
 def test_plates_face_outwards_and_the_pool_stays_clean(
     points: ExportedPoints, tmp_path: Path
 ) -> None:
@@ -192,6 +194,7 @@ def test_plates_face_outwards_and_the_pool_stays_clean(
     assert (np.einsum("ni,ni->n", np.cross(b - a, c - a), a) > 0.0).all()
 
 
+@pytest.mark.slow
 def test_too_many_plates_need_a_box(points: ExportedPoints, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("lcp_catalog.exports.dsk.PLATES_MAX", 100)
     with pytest.raises(ValueError, match=r"896 plates are too many for a site .*`bounds`"):

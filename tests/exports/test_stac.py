@@ -16,6 +16,7 @@ from lcp_catalog.exports.export import export
 shapely = pytest.importorskip("shapely")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["MOON_ME", "MOON_PA"])
 def test_an_item_of_a_file(frame: str, tmp_path: Path) -> None:
     write_catalog(catalogs.catalog(12), tmp_path / "site.h5")

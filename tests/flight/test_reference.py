@@ -185,6 +185,7 @@ def test_points_in_view_and_their_claims(catalog, reference) -> None:
     assert 0.2 * every < known < every
 
 
+@pytest.mark.slow
 def test_claims_between_altitudes_and_near_the_limit(reference, folder: Path) -> None:
     """Views at three altitudes, of which each leaves some directions to the others; probabilities about the least one of a
     usable condition, so that the margins between and beyond the evaluated conditions decide.
@@ -325,6 +326,7 @@ def test_it_calls_nothing_but_mathematics_and_never_itself(tmp_path: Path) -> No
     assert flight_c.stack_bytes(tmp_path, "-O0") < 8000  # of no cycle
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_its_own_vector(compiler: str, tmp_path: Path) -> None:
     """`lcp flight-source`, `make test`; with a wrong place expected it fails."""
@@ -358,6 +360,7 @@ def test_its_own_vector_on_a_big_endian_machine(machine: str, tmp_path: Path) ->
     assert "passed: 9 of 9 places, largest difference 0.000" in done.stdout
 
 
+@pytest.mark.slow
 def test_it_survives_under_sanitizers(tmp_path: Path) -> None:
     """`make fuzz` runs 10^6 files and 10^5 images."""
     flags = ("-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -30,6 +30,7 @@ def written(path: Path, samples: np.ndarray, **options: object) -> None:
         file.write(samples, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Dataset has no geotransform")
 @pytest.mark.skipif(shutil.which("cc") is None, reason="the library of failing calls is compiled")
 def test_a_failed_read_is_no_other_image(tmp_path: Path) -> None:

@@ -141,6 +141,7 @@ def qgis() -> str:
     return python
 
 
+@pytest.mark.slow
 def test_qgis_reads_the_exports(tmp_path: Path) -> None:
     """Vectors, tables and rasters: as many features, their numbers and places; the Moon's radius."""
     python, source, path = qgis(), catalogs.full(12), tmp_path / "c.h5"

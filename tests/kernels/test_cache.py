@@ -273,6 +273,7 @@ LEVEL = """from lcp_catalog.kernels import cpu_level, vectors, cache
 print(cpu_level.level(), vectors.LANES, cache.key().rsplit("-", 1)[0])"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("level", "lanes"), [("x86-64-v4", 16), ("x86-64-v3", 8), ("x86-64", 8)])
 def test_lanes_and_folder_follow_the_level(level: str, lanes: int, package: Path) -> None:
     out, _ = result(started(package, LEVEL, NUMBA_CPU_NAME=level))
@@ -291,6 +292,7 @@ def test_without_a_name_the_level_is_found_by_features() -> None:
         assert (cpu_level.level() == "x86-64-v4") == wide
 
 
+@pytest.mark.slow
 def test_a_program_that_has_compiled_for_its_own_processor_goes_on_with_it(package: Path) -> None:
     first = "import numba; numba.njit(lambda x: x)(1); from numba.core.registry import cpu_target as t; "
     first += "own = t.target_context.codegen().magic_tuple(); "
@@ -313,6 +315,7 @@ print(len(sys.argv) - 1, "scipy.linalg" in sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_a_kernel_of_a_file_needs_nothing_that_numba_loads_to_compile() -> None:
     files = [path for folder in cache.folders() for path in folder.glob("*.kernel")]
     found = [str(path) for path in files if ".part-" not in path.name]
@@ -331,6 +334,7 @@ print(image.radiance.shape, *sorted({"scipy.linalg", "cv2", "numba.np.linalg"} &
 """
 
 
+@pytest.mark.slow
 def test_a_render_by_kernels_of_files_imports_neither_scipy_nor_opencv() -> None:
     dem = PACKAGE.parent / "sample_data" / "hadley_gld100_256ppd.tif"
     words = [sys.executable, "-c", RENDERED, str(dem)]

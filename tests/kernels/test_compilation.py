@@ -101,6 +101,7 @@ def test_another_program_may_call_kernels_from_its_own_numba_functions() -> None
         theirs(-1.0)
 
 
+@pytest.mark.slow
 def test_numba_functions_first_compiled_in_a_kernel_serve_other_programs() -> None:
     """The kernel's compilation leaves the mean of an array in numba's memory, without machine code."""
 
@@ -118,6 +119,7 @@ def test_numba_functions_first_compiled_in_a_kernel_serve_other_programs() -> No
     assert "_library_class" not in vars(codegen)
 
 
+@pytest.mark.slow
 def test_arrays_that_do_not_fit_are_refused_with_and_without_kernels() -> None:
     def assigned(target: Any, source: Any) -> None:
         target[1:] = source
@@ -131,6 +133,7 @@ def test_arrays_that_do_not_fit_are_refused_with_and_without_kernels() -> None:
             function(target, np.arange(2.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [0, 1, 1000])
 def test_bodies_of_parallel_loops_are_linked_in(count: int) -> None:
     inner, _ = _kernels()
@@ -186,6 +189,7 @@ except ValueError as error:
 """
 
 
+@pytest.mark.slow
 def test_another_process_loads_a_kernel_with_what_it_calls() -> None:
     found = [
         subprocess.run(

@@ -78,6 +78,7 @@ def _filled(sizes: Any, out: Any) -> None:
     all_done(done, sizes.size)
 
 
+@pytest.mark.slow
 def test_an_array_that_cannot_be_allocated_in_any_thread_is_noticed() -> None:
     """Of each pass in turn; two in a row leave no trace of the first."""
     out = np.zeros(40)

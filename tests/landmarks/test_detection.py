@@ -152,6 +152,7 @@ def smooth_noise(rng, count, size, length):
     return np.fft.ifft2(shape * white).real[:, :size, :size]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length", [0.0, 1.5])
 def test_moments_are_those_of_correlations_in_noise(length):
     """Of a window that resembles the patch by 0.5; 1000 images; means within 0.01, deviations within 15 %.
@@ -194,6 +195,7 @@ def normal_of(at, out):
         store(out, k, normal(load(at, k)))
 
 
+@pytest.mark.slow
 def test_the_normal_distribution_is_that_of_scipy():
     """At random places and far out, in single precision."""
     rng = np.random.default_rng(0)
@@ -221,6 +223,7 @@ def random_cases(rng, n: int, spread: float) -> tuple[Registration, np.ndarray]:
     return match, rng.uniform(0.6, 1.0, n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 @pytest.mark.parametrize("contrasts", [(0.5, 1.0), (0.5, 10.0), (5.0, 1000.0)])
 def test_rivals_below_the_least_one_change_no_probability(contrasts, spread):

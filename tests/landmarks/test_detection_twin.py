@@ -85,6 +85,7 @@ def test_probability_among_given_rivals(seed, length):
             assert found == pytest.approx(said, abs=0.01)
 
 
+@pytest.mark.slow
 def test_clearance_is_what_the_search_asks():
     """Two correlations that far apart are the limit of `mistake_probability` that a search accepts."""
     assert clearance() == pytest.approx(norm.ppf(0.8), abs=1e-12)
@@ -232,6 +233,7 @@ def test_places_around_against_opencv():
         np.testing.assert_array_equal(np.isnan(part[0]), (cols < 0) | (rows < 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("length", "level", "bound"),
     [

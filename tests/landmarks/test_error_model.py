@@ -187,6 +187,7 @@ def made_noise(errors: PatchErrors, model: ErrorModel, count: int, fine: int = 4
     return np.array(noise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("length_m", [300.0, 600.0])
 def test_statistics_are_those_of_random_fields(length_m):
     """Within 3 standard errors of 1500 draws (11 %); by distance and by principal components."""

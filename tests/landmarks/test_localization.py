@@ -84,6 +84,7 @@ def match(patches, model=WHITE, errors=None):
     return registration(patches, errors or even(patches), model, CELL_M)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stretch", "angle"),
     [(1.0, 0.0), (6.0, 0.0), (6.0, 0.6)],
@@ -114,6 +115,7 @@ def made_slopes(rng, size, length):
     return [np.fft.ifft2(field).real[:P, :P] for field in fields]
 
 
+@pytest.mark.slow
 def test_covariance_and_noise_in_errors_of_a_dem_and_of_brightness():
     """Sensitivities that differ from node to node; 400 fits, within 4 standard errors."""
     texture = Texture(7)
@@ -311,6 +313,7 @@ def test_a_selection_of_patches_is_that_of_all_figures():
         np.testing.assert_array_equal(getattr(some, name), getattr(whole, name)[[3, 1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [1, 2])
 def test_slopes_of_a_sine(axis):
     """Within 3 % of the derivative for a wave of five nodes, inside; central differences give 76 %."""

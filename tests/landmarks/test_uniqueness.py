@@ -82,6 +82,7 @@ def exhaustive(image, row, col, half, search, exclusion):
 PLACES = [(60, 60), (60, 20), (10, 60), (111, 111), (30, 95)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smooth", [1.0, 2.0, 4.0])
 @pytest.mark.parametrize("exclusion", [2.0, 3.5, 8.0])
 def test_all_places_are_those_of_opencv(smooth, exclusion):

@@ -95,6 +95,7 @@ def traced(field, point, normal, rays, rng):
     return LAMBERT_ALBEDO * total / rays
 
 
+@pytest.mark.slow
 def test_against_path_tracing_by_brute_force():
     terrain = crater()
     _, points, normals = dark_nodes(terrain)

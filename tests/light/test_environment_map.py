@@ -219,6 +219,7 @@ def test_dynamic_ranges():
     assert panorama.dynamic_range_above == pytest.approx(200.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [64, 1100])  # the larger one is sampled
 def test_one_wrong_pixel_does_not_decide_the_range(rows):
     light = cie_sky(rows, 120.0, 50.0).luminance.copy()

@@ -55,6 +55,7 @@ def lit(z, panorama=None, model=LAMBERT, tier="standard", view=None, **how):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["draft", "standard", "high"])
 def test_a_plain_under_a_uniform_sky(tier):
     """Lambert A / 2 and Lommel-Seeliger w/4 (1 - ln 2) of I / E: integrals of A mu0 and w/4 mu0 / (mu0 + 1) over the
@@ -158,6 +159,7 @@ def rms(found, best):
     return float(np.sqrt(np.mean((found - best) ** 2)) / best.mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sky", skies(), ids=["clear", "room"])
 def test_the_stated_error(sky):
     """Compared with twice the samples of `reference`, over natural terrain; and the error of draft
@@ -286,6 +288,7 @@ def test_a_cameras_pixels_agree_with_the_nodes():
     assert len(sky_at_points(terrain, sky, at.some(slice(0)), LOMMEL, standard)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["standard", "high"])
 def test_in_the_cameras_plane_against_exact_rays(tier):
     terrain = make(cratered(64, GSD, seed=5))

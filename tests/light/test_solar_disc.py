@@ -159,6 +159,7 @@ def test_on_a_plain_the_horizon_cuts_the_disc() -> None:
 # -- terrain against thousands of directions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "azimuth_deg", "elevation_deg"),
     [
@@ -210,6 +211,7 @@ def errors(tier) -> list[tuple[float, float]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tier", "penumbra"), [(STANDARD, 0.005), (HIGH, 0.0006)], ids=["standard", "high"]
 )

@@ -29,6 +29,7 @@ camera = pytest.fixture(hadley_camera, scope="module")
 photo = pytest.fixture(hadley_photo, scope="module")
 
 
+@pytest.mark.slow
 def test_the_coarse_offset_is_found_and_chance_is_not(catalog, camera, photo):
     moved = replace(
         camera,

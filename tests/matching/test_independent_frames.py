@@ -141,6 +141,7 @@ def shift_px(seen: Array, model: Array) -> Array:
     return shift
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "number"), CASES)
 def test_a_frame_and_its_matches_lie_where_embree_has_them(sites, name, number):
     site = sites(name)
@@ -196,6 +197,7 @@ FACTOR = 4
 ERRORS = Errors(24.5, 530.0, 0.05, 1900.0)
 
 
+@pytest.mark.slow
 def test_matches_are_better_in_a_reduced_image(sites):
     """Frames of clones of the DEM, taken by Embree with pixels of a quarter and reduced to those of the catalogue:
     templates as sharp as they are beside templates that assume 0.5 pixels of the reduced image (2 of the full one).
@@ -295,6 +297,7 @@ def test_the_shift_is_the_images():
     np.testing.assert_allclose(shift_px(moved, wide), [0.34, -0.21], atol=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["half a pixel", "mirrored roll", "east is west"])
 def test_the_comparison_finds_faults(sites, fault):
     """A camera file with a small error gives another place, or no match."""

@@ -49,6 +49,7 @@ def by_outcomes(p: np.ndarray, least: int, common: float) -> float:
     return float(quad(given, -8.0, 8.0, epsabs=1e-10)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("common", [0.0, 0.1, 0.3])
 def test_it_is_the_sum_over_all_outcomes(common: float) -> None:
     found = at_least_found(CLAIMS, common)

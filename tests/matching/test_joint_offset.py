@@ -104,6 +104,7 @@ def squared(found: JointOffset, true: tuple[float, float] = MOVED_M) -> float:
 # -- located
 
 
+@pytest.mark.slow
 def test_what_single_points_do_not_show_all_of_them_do() -> None:
     answer = locate(points(), believed(faint(clear(), 0)), UNCERTAIN, LAW)
     assert answer.verdict == LOCATED
@@ -154,6 +155,7 @@ def test_the_stated_covariance_is_right() -> None:
     assert errors.max() < 16.0
 
 
+@pytest.mark.slow
 def test_it_stands_where_the_mean_correlation_is_highest() -> None:
     """Compared with correlations by NumPy one by one and a paraboloid by least squares."""
     photo = believed(faint(clear(), 3))
@@ -202,6 +204,7 @@ def test_gaps_do_not_pull() -> None:
 # -- counted
 
 
+@pytest.mark.slow
 def test_the_same_ground_twice_says_no_more() -> None:
     photo, rows = believed(faint(clear(), 0)), np.arange(81)
     once, twice = (together(photo, r, check_sun=False) for r in (rows, np.tile(rows, 2)))
@@ -236,12 +239,14 @@ def test_chance_shows_as_often_as_it_says() -> None:
         assert np.mean(np.array(log10) < -level) <= share + 3.0 * np.sqrt(share / len(log10))
 
 
+@pytest.mark.slow
 def test_places_that_were_chosen_among_count() -> None:
     photo = believed(faint(clear(), 0))
     one, many = (together(photo, log10_places=places, check_sun=False) for places in (0.0, 3.0))
     assert many.log10_false_alarms == pytest.approx(one.log10_false_alarms + 3.0)
 
 
+@pytest.mark.slow
 def test_of_many_points_some_are_enough() -> None:
     found = together(believed(faint(clear(), 0)), np.repeat(np.arange(81), 4), check_sun=False)
     assert 150 < found.points <= 200
@@ -295,6 +300,7 @@ def test_turned_or_mirrored_it_is_no_place(how: str) -> None:
     assert answer.pose is None
 
 
+@pytest.mark.slow
 def test_other_ground_is_no_place() -> None:
     other = World(seed=2).photo(PlainMap(world().frame, *MOVED_M), noise=0.0)
     for image in (
@@ -310,7 +316,8 @@ def under_its_own_sun() -> JointOffset | None:
     return together(believed(faint(clear(), 0, 3.0)))
 
 
-@pytest.mark.parametrize("turn", [-45.0, pytest.param(45.0, marks=pytest.mark.slow), 90.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("turn", [-45.0, 45.0, 90.0])
 def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
     """Where the place is significant at all, another Sun correlates better."""
     photo = believed(faint(clear(), 0, 3.0))
@@ -320,6 +327,7 @@ def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
     assert under_its_own_sun().pose is not None
 
 
+@pytest.mark.slow
 def test_a_sun_that_does_as_well_is_a_doubt() -> None:
     """Turned by 20 deg it is not refused in so faint an image, but the shift under the better Sun
     is in the covariance.
@@ -356,6 +364,7 @@ def test_a_sensor_that_is_held_is_not_where_it_shows() -> None:
     assert together(here, uncertainty=Uncertainty(0.0), check_sun=False).pose is not None
 
 
+@pytest.mark.slow
 def test_a_place_beyond_the_stated_uncertainty_is_told() -> None:
     answer = locate(points(), believed(faint(clear(), 0)), Uncertainty(200.0), LAW, QUICK)
     assert answer.verdict == CANNOT_SAY

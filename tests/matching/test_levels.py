@@ -107,6 +107,7 @@ def frame_at(world: World, east_m: float, north_m: float) -> EnuFrame:
     return EnuFrame(lon[0], lat[0], world.level(lon, lat)[0])
 
 
+@pytest.mark.slow
 def test_a_position_is_solved_from_all_levels_each_at_its_own_scale(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -280,6 +280,7 @@ def test_the_best_points_are_taken_from_all_over_the_image() -> None:
     assert len(cells) == len({tuple(np.floor(pixels[row] / ninth)) for row in usable})
 
 
+@pytest.mark.slow
 def test_few_points_are_searched_first_and_all_if_these_do_not_agree() -> None:
     """With the right patches 16 points are enough; with wrong patches for every usable point the
     others have to be searched.

@@ -50,6 +50,7 @@ def test_finds_points_where_they_are(found):
     assert np.median(found.correlation[good]) > 0.9
 
 
+@pytest.mark.slow
 def test_errors_agree_with_their_covariance(catalog, camera, found):
     squares = []
     for seed, (azimuth, elevation, noise) in enumerate([(100, 20, 0.03), (250, 30, 0.05)]):
@@ -85,6 +86,7 @@ def test_gain_and_offset_of_the_image_do_not_matter(catalog, photo, found):
     np.testing.assert_allclose(other.found_px[found.found], found.found_px[found.found], atol=2e-3)
 
 
+@pytest.mark.slow
 def test_answers_are_in_the_pixels_of_the_image_as_it_came(catalog, camera):
     fine = looking_at(
         EnuFrame(3.5, 26.0, -1000.0), 300e3, 15, 60, 37, 2 * 300e3 / GSD_M, (400, 400)

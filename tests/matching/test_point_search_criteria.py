@@ -107,6 +107,7 @@ def test_the_part_of_the_search_that_lies_in_the_image_is_a_bound(bump, above, s
     assert said(bump, photo, min_area_share=0.999 * share) == "weak"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", ["no data", "saturated"])
 def test_the_real_share_is_a_bound(bump, above, lost) -> None:
     """40 % and some of the patch's pixels are missing; a search of one place."""
@@ -211,6 +212,7 @@ def test_small_templates_are_searched_at_full_resolution() -> None:
 # -- figures
 
 
+@pytest.mark.slow
 def test_a_reduced_photo_answers_as_one_that_came_so() -> None:
     """The same pixels as a reduced image and with a camera of their own: places (p + 1/2) 2 - 1/2,
     lengths twice as large, the point spread, too, and all else the same.

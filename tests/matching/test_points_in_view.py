@@ -33,6 +33,7 @@ def cameras() -> list[Camera]:
     return found
 
 
+@pytest.mark.slow
 def test_they_are_those_of_a_projection_of_all(catalog: Catalog) -> None:
     seen = []
     for taken in cameras():

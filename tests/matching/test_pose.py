@@ -100,6 +100,7 @@ def test_without_a_prior_it_is_what_opencv_finds() -> None:
     assert np.abs(pose.sensor.position_mcmf_m - position).max() < 0.01 * pose.position_sigma_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "uncertainty", [UNCERTAIN, Uncertainty(5000.0), Uncertainty(300.0, 1e-3)], ids=str
 )
@@ -345,6 +346,7 @@ def test_an_error_that_moves_each_place_by_its_own_shift_adds_to_the_covariance(
     assert np.abs(added - wanted).max() < 5e-3 * np.abs(wanted).max()
 
 
+@pytest.mark.slow
 def test_how_far_places_may_be_off() -> None:
     dice = np.random.default_rng(14)
     known = camera()

@@ -193,6 +193,7 @@ def test_tolerances_are_in_the_searched_photographs_pixels(
     assert asked["width_px"] == pytest.approx(4.0 * 32.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_map_is_shifted_onto_its_ground(world: World, points: Catalog) -> None:
     sheet = PlainMap(world.frame, 700.0, -1300.0)
     image = world.photo(sheet)
@@ -274,6 +275,7 @@ def test_a_sun_that_is_wrong_is_noticed(points: Catalog, photo: Image, turn: flo
     assert f"turned by {-turn:+.0f} deg" in answer.reason
 
 
+@pytest.mark.slow
 def test_half_saturated_is_located_by_the_rest_or_not_at_all(points: Catalog, photo: Image) -> None:
     level = np.nanmedian(photo.signal)
     weight = np.where(photo.signal >= level, 0.0, photo.weight).astype(np.float32)
@@ -346,6 +348,7 @@ def test_at_night_it_says_so(points: Catalog, photo: Image, world: World) -> Non
     assert "not lit" in answer.reason
 
 
+@pytest.mark.slow
 def test_few_points_refute_no_place(world: World, photo: Image) -> None:
     few = world.catalog(step_m=8e3, half_m=20e3)
     answer = locate(few, believed(mirrored(photo, "180")), UNCERTAIN, LAW)
@@ -443,6 +446,7 @@ def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
     assert check.points == len(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 15.0])
 def test_a_glance_ends_the_check_only_under_the_right_sun(
     points: Catalog, photo: Image, turn: float, monkeypatch: pytest.MonkeyPatch
@@ -539,6 +543,7 @@ def test_the_sun_is_held_against_all_points_that_agree(
     assert answer.pose.used.sum() < 0.5 * asked[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 120.0, 180.0, -135.0])
 def test_a_sun_is_told_from_far_ones(points: Catalog, photo: Image, turn: float) -> None:
     rows = points_in_view(points, photo.sensor)
@@ -549,6 +554,7 @@ def test_a_sun_is_told_from_far_ones(points: Catalog, photo: Image, turn: float)
     assert check.fits == (turn == 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [3, 40])
 def test_a_pose_is_solved_with_the_usable_points_if_they_are_enough(
     points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch, every: int

@@ -159,6 +159,7 @@ def test_a_low_peak_at_half_resolution_that_is_the_highest_in_truth_is_climbed_t
     np.testing.assert_allclose(found, wanted, atol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("odd", [(0, 0), (0, 1), (1, 0), (1, 1)])
 @pytest.mark.parametrize("shape", [(6, 8), (7, 9), (5, 4)])
 def test_a_template_at_half_resolution_lies_on_the_images_blocks(odd, shape) -> None:
@@ -171,6 +172,7 @@ def test_a_template_at_half_resolution_lies_on_the_images_blocks(odd, shape) -> 
     np.testing.assert_allclose(small, np.where(share >= 0.5, wanted, 0.0), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_uphill_goes_step_by_step_to_the_top_and_not_beyond_its_limits() -> None:
     image = np.exp(-(np.hypot(*np.meshgrid(np.arange(60) - 31.0, np.arange(50) - 24.0)) ** 2) / 128)
     image = image.astype(np.float32)
@@ -232,6 +234,7 @@ def test_bounds_are_those_of_what_is_covered() -> None:
             assert correlation.bounds(mask)[0] >= correlation.bounds(mask)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contrast", [1e-3, 1e-1])
 def test_little_contrast_is_contrast(contrast: float) -> None:
     """A template with a contrast of a thousandth of its brightness, in an image that varies 30

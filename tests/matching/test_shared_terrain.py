@@ -62,6 +62,7 @@ def test_the_squares_have_the_axes_of_the_points() -> None:
     np.testing.assert_allclose(found.share, [sides.prod() / 160.0**2])
 
 
+@pytest.mark.slow
 def test_common_errors_widen_the_covariance_as_they_do_in_solved_positions() -> None:
     """40 points in 10 groups of four whose errors, in sigmas, have a correlation of 0.4: 100 solutions."""
     dice = np.random.default_rng(22)

@@ -120,6 +120,7 @@ def squared_difference(
     return float(left[0])
 
 
+@pytest.mark.slow
 def test_the_fit_ends_at_the_least_squared_difference() -> None:
     """In smooth noise of 1.5 times the contrast of the texture, with edges that cross the pixels at
     an angle. Whole Gauss-Newton steps alternate between two places for ever in some of these images,

@@ -55,6 +55,7 @@ def checked(points, photo: Image, turn_deg: float = 0.0) -> SunCheck:
     return check_points(points, stated, SEARCHED, rows, np.zeros((len(rows), 2)), Criteria())
 
 
+@pytest.mark.slow
 def test_a_law_is_not_taken_for_a_sun(points, rough: Image, monkeypatch) -> None:
     """Under Lommel-Seeliger alone a Sun turned by 20 deg correlates much better; under the image's
     own law none does.
@@ -69,6 +70,7 @@ def test_a_law_is_not_taken_for_a_sun(points, rough: Image, monkeypatch) -> None
     assert found.least_doubt_px == found.doubt_px == alone.doubt_px
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [-20.0, 20.0])
 def test_a_sun_is_not_taken_for_a_law(points, rough: Image, turn_deg: float) -> None:
     found = checked(points, rough, turn_deg)
@@ -76,6 +78,7 @@ def test_a_sun_is_not_taken_for_a_law(points, rough: Image, turn_deg: float) -> 
     assert f"{-turn_deg:+.0f} deg" in found.complaint
 
 
+@pytest.mark.slow
 def test_the_searchs_own_law_stays_where_it_is_right(points, world) -> None:
     photo = world.photo(overhead(), SUN, law=SEARCHED)
     assert (checked(points, photo).law, checked(points, photo).fits) == ("", True)

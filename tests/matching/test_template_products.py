@@ -25,6 +25,7 @@ def everywhere(template, image):
     return correlate2d(image.astype(np.float64), template.astype(np.float64), mode="valid")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("p", [3, 8, 9, 16, 33])
 @pytest.mark.parametrize(
     ("ny", "nx"), [(1, 1), (2, 8), (4, 9), (5, 16), (7, 17), (33, 25), (9, 40)]

@@ -73,6 +73,7 @@ def hadley():
     return catalog_of_dem(rng.uniform(1, 6, 10)[:2], rng.uniform(23, 28, 10)[:2], 33, 118.45)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pixel_m", "off_nadir", "roll"),
     [(390.0, 0, 0), (118.0, 40, 77), (60.0, 20, 200), (40.0, 0, 300)],
@@ -134,6 +135,7 @@ def test_deep_shadow_has_its_edge_between_nodes(hadley):
     assert np.abs(shift_between(template, traced, both)).max() < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("latitude", [-63.0, 0.0, 41.0])
 def test_no_bias_at_any_roll(latitude):
     frame = EnuFrame(170.0, latitude, 900.0)
@@ -299,6 +301,7 @@ def test_nodes_lie_where_the_frame_puts_them():
     np.testing.assert_allclose(nodes_mcmf(catalog, [0])[0], expected, atol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @example(seed=2447, azimuth=243.0, elevation=0.5)  # hidden by the border's own edge alone
 @given(
@@ -318,6 +321,7 @@ def test_clearance_is_negative_exactly_where_the_patch_shades_itself(seed, azimu
     np.testing.assert_array_equal(out < 0.0, Heightfield(z, GSD_M).occluded_nodes(sun))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     cycles=st.floats(0.02, 0.3),

@@ -55,6 +55,7 @@ def test_it_is_smaller_and_says_so(site: Path, capsys) -> None:
     assert few.header["suns"] <= 6 < whole.header["suns"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(flight_c.COMPILER is None, reason="no C compiler is installed")
 def test_its_frames_claim_the_same(site: Path, tmp_path: Path) -> None:
     assert run(_export(site, "--for-trajectory", str(site / "way.json"))) == 0

@@ -218,6 +218,7 @@ def test_the_covariance_is_that_of_the_collinearity_equations(
     assert np.hypot(found.dop["horizontal"], found.dop["vertical"]) == pytest.approx(found.dop["position"])  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attitude_deg", [np.inf, 0.02, 0.0])
 def test_positions_solved_from_noisy_points_err_as_expected(
     catalog: Catalog, taken: Camera, attitude_deg: float

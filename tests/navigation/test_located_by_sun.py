@@ -104,6 +104,7 @@ def test_suns_stand_in_the_row_and_places_are_whole(catalog: Catalog) -> None:
     assert seen >= 10
 
 
+@pytest.mark.slow
 def test_the_figures_are_those_of_a_query(catalog: Catalog) -> None:
     found = located_by_sun(catalog, 8)
     assert found
@@ -131,6 +132,7 @@ def test_nothing_is_stated_where_nothing_is_promised(catalog: Catalog) -> None:
     assert located_by_sun(replace(catalog, promise=none)) == []
 
 
+@pytest.mark.slow
 def test_the_commands_show_it(path: Path, capsys: pytest.CaptureFixture, tmp_path: Path) -> None:
     assert run(["inspect", str(path), "--located", "4", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["located_at_moments"]

@@ -31,6 +31,7 @@ def catalog() -> Catalog:
     return catalogs.catalog(40)
 
 
+@pytest.mark.slow
 def test_the_counts_are_those_of_every_point_alone(
     catalog: Catalog, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -156,6 +156,7 @@ def along(catalog: Catalog, cameras: list[Camera], query: Query) -> list[Answer]
     return list(answers(catalog, [PlannedImage.lit(one, SUN) for one in cameras], query))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [1, 40, 50_000])
 def test_every_frame_has_the_answer_that_it_has_alone(
     catalog: Catalog,

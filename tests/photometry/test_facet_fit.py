@@ -214,6 +214,7 @@ def test_no_parameter_alone_could_gain_more():
             assert loss(probe) > loss(smooth) - 3e-3
 
 
+@pytest.mark.slow
 def test_the_same_measurements_give_the_same_model():
     data = measured(SURFACE, 0.02, 7)
     one, two = (fit_file(fit_reflectance(data, "m"), data).to_toml() for _ in range(2))
@@ -229,6 +230,7 @@ def test_a_plain_lambert_surface():
     assert found == pytest.approx(np.ones(15), abs=0.01)
 
 
+@pytest.mark.slow
 def test_one_incidence_has_no_curve():
     single = FacetModel("one", SURFACE.nodes[:1])
     told = []

@@ -109,6 +109,7 @@ def test_brewster_and_total_reflection():
     assert kernel.reflectivity(1.0, 0.0, 0.0, 0.0) == 1.0
 
 
+@pytest.mark.slow
 def test_polarised_light_is_the_mean_of_both_sides_where_they_look_alike():
     """Incidence, emission and phase do not distinguish the sides of the plane of incidence; the
     angles do.
@@ -268,6 +269,7 @@ def nodes():
 EDGES = [0.0, 1.0, 1e-300, 1e-17, 1e-9, 1e-4, 1 - 1e-16, 1 - 1e-9, 0.5]
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)  # a model's table takes 0.1 s
 @given(nodes(), st.sampled_from([5.0, 60.0, 80.0, 89.0]), st.data())
 def test_finite_and_not_negative_anywhere(many, held, data):

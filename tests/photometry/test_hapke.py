@@ -92,6 +92,7 @@ def agrees(parameters, mu0, mu, azimuth):
     raise AssertionError(f"{ours} of {low} to {high}: {parameters.name}, {mu0}, {mu}, {azimuth}")
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=120)
 @given(
     st.sampled_from(LAWS),
@@ -106,6 +107,7 @@ def test_the_textbook_in_sixty_digits(parameters, mu0, mu, azimuth):
 TINY = (1e-12, 1e-9, 1e-6, 1e-3, 0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("parameters", [SETS["wac-643"], FULL, SMOOTH, ROUGH], ids=lambda p: p.name)
 @pytest.mark.parametrize("azimuth", [0.0, 1e-6, 1.0, math.pi - 1e-6, math.pi])
 def test_corners_have_their_limits(parameters, azimuth):

@@ -171,6 +171,7 @@ def test_names():
         named("phong")
 
 
+@pytest.mark.slow
 def test_a_law_from_a_file_is_named_by_its_content(tmp_path):
     """A catalogue states the measured surface it was made with, independent of the file's folder."""
     file = tmp_path / "regolith.toml"

@@ -147,6 +147,7 @@ def test_finite_positive_and_reciprocal(spec, incidence, emission, azimuth):
         assert there / mu0 == pytest.approx(back / mu, rel=1e-7)
 
 
+@pytest.mark.slow
 @EACH
 def test_reflected_light_is_less_than_incident_light(spec):
     for incidence in (0.0, 30.0, 60.0, 80.0, 88.0, 89.9):

@@ -82,6 +82,7 @@ def agree(result, normal, sun, camera, model):
     assert 0.0 <= radiance <= BRIGHTEST
 
 
+@pytest.mark.slow
 @KNOWN
 def test_level_ground(model):
     azimuths = (0.0, 45.0, 90.0, 180.0)

@@ -94,6 +94,7 @@ def test_words_in_place_of_a_file(tmp_path: Path) -> None:
         AlbedoMap.open("none")
 
 
+@pytest.mark.slow
 def test_a_build_takes_it_by_default(tmp_path: Path) -> None:
     """History, `albedo_map` with version and licence, depfile; a map of the user overrules it, ``none`` switches it off."""
     (tmp_path / "b.toml").write_text(CONFIG.replaced({"model.albedo": "moon"}).to_toml())

@@ -78,6 +78,7 @@ def test_frames_do_not_depend_on_the_region() -> None:
     assert all(large[name] == frame for name, frame in small.items())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "bounds", [(-180.0, -60.0, 180.0, 60.0), (-180.0, 80.0, 180.0, 90.0), (-180.0, -90.0, 180.0, 90.0)]
 )  # fmt: skip
@@ -92,6 +93,7 @@ def test_large_regions_are_planned_within_seconds(
     assert [(t.row, t.column) for t in tasks] == [(r, c) for r in rows for c in range(GRID.columns(r))]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_areas_wholly_inside_a_large_region_have_the_windows_that_they_have_alone() -> None:
     west, south, east, north = 0.0, 40.0, 60.0, 45.0
     inner = 0

@@ -20,6 +20,8 @@ from lcp_catalog.production import cluster as engine
 from lcp_catalog.production.code_facts import code_facts
 from lcp_catalog.production.executor import run_tasks
 
+pytestmark = pytest.mark.slow
+
 if TYPE_CHECKING:
     from distributed import LocalCluster
 
@@ -188,7 +190,6 @@ def test_a_scheduler_file(cluster: LocalCluster, tmp_path: Path) -> None:
     assert dict(run_tasks(square_or_die, [4], 1, str(file))) == {0: 16}
 
 
-@pytest.mark.slow
 def test_a_lost_scheduler_is_one_line() -> None:
     import dask
 

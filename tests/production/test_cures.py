@@ -169,6 +169,7 @@ def test_a_change_that_is_refused_is_not_named() -> None:
     assert not any("points.search_m" in one.changes for one in cures(build, {"ambiguous": 1.0}))
 
 
+@pytest.mark.slow
 def test_the_effect_is_that_of_a_build_of_the_part(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

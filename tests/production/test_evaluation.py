@@ -105,6 +105,7 @@ def test_flags_follow_from_the_probabilities_and_shares():
     assert (found.sigma_major_m >= found.sigma_minor_m).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("nodes", "search"), [(17, 12), (17, 24), (33, 24)])
 def test_the_quick_search_and_its_check_give_the_flags_of_the_exhaustive_search(
     monkeypatch, nodes, search

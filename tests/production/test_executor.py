@@ -40,6 +40,7 @@ def test_every_task_gives_its_own_result(jobs: int) -> None:
     assert isinstance(outcomes[1], ValueError)
 
 
+@pytest.mark.slow
 def test_a_dying_worker_takes_only_its_own_task() -> None:
     outcomes = dict(run_tasks(square_or_die, [1, 2, 3, 4, 5], jobs=2))
     assert {index: outcomes[index] for index in (0, 1, 3, 4)} == {0: 1, 1: 4, 3: 16, 4: 25}
@@ -90,6 +91,7 @@ print(sorted(run_tasks(half, [1, 2, 3], 2)))
 """
 
 
+@pytest.mark.slow
 def test_workers_with_parallel_kernels_leave_nothing_behind(tmp_path: Path) -> None:
     """Python would warn of named semaphores that ended workers leave."""
     script = tmp_path / "run.py"
@@ -121,6 +123,7 @@ print(parallel._is_initialized, "lcp_catalog.production.area_job" in sys.modules
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not executor.are_forked(), reason="workers are spawned on this system")
 def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is killed while it is asked for the first worker, and while the workers run. The servers that replace it
@@ -150,6 +153,7 @@ def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> Non
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "length", [pytest.param(40, marks=SLOW), 75, 76, pytest.param(200, marks=SLOW)]
 )
@@ -192,6 +196,7 @@ def test_processes_that_cannot_be_started_fail_every_task(monkeypatch: pytest.Mo
     assert "no process could be started for it: no process" in str(outcomes[0])
 
 
+@pytest.mark.slow
 def test_no_threads_of_kernels_are_started_before_the_fork() -> None:
     """OpenMP ends a forked process that uses it after its parent has. Nor is SciPy imported, which takes a quarter of a second."""
     done = subprocess.run(
@@ -200,6 +205,7 @@ def test_no_threads_of_kernels_are_started_before_the_fork() -> None:
     assert done.stdout.split() == ["False", "True", "False", "False"]
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_by_the_process_that_is_forked(tmp_path: Path) -> None:
     """On a machine without kernels others compile them meanwhile, once, and say so."""
     own = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "own"), "TMPDIR": str(tmp_path)}
@@ -219,6 +225,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pool", ["processes", "_new_pool"])
 def test_processes_end_with_their_parent_however_it_ends(tmp_path: Path, pool: str) -> None:
     program = tmp_path / "parent.py"
@@ -244,6 +251,7 @@ def ignore_the_end() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
 
 
+@pytest.mark.slow
 def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(executor, "_PATIENCE_S", 0.2)
     with executor.processes(1) as pool:
@@ -259,6 +267,7 @@ def test_a_worker_that_does_not_end_is_killed(monkeypatch: pytest.MonkeyPatch) -
     assert worker.exitcode == -signal.SIGKILL
 
 
+@pytest.mark.slow
 def test_a_pool_that_is_stopped_within_a_result_ends() -> None:
     """Its thread reads a result of which the worker has sent a part; a process that has such a thread never ends."""
     code = (

@@ -23,6 +23,7 @@ from lcp_catalog.production.run import Build, BuildRun
 pytestmark = pytest.mark.usefixtures("areas_once")
 
 
+@pytest.mark.slow
 def test_a_broken_run_is_resumed(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -57,6 +58,7 @@ def test_a_broken_run_is_resumed(
     assert output.read_bytes() == built.read_bytes()
 
 
+@pytest.mark.slow
 def test_keep_going_writes_what_there_is(
     plan: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,6 +75,7 @@ def test_keep_going_writes_what_there_is(
     assert verify(tmp_path / "partly.h5") == []
 
 
+@pytest.mark.slow
 def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_path: Path) -> None:
     output = tmp_path / "mixed.h5"
     parts = tmp_path / "mixed.h5.parts"
@@ -84,6 +87,7 @@ def test_checkpoints_of_another_run_are_refused(plan: Build, built: Path, tmp_pa
     assert output.read_bytes() == built.read_bytes()
 
 
+@pytest.mark.slow
 def test_resume_and_overwrite_together(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +120,7 @@ def test_resume_and_overwrite_together(
     assert output.read_bytes() == built.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no flock")
 def test_a_second_build_of_the_same_output_is_refused(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -168,6 +173,7 @@ def test_a_checkpoint_that_is_lost_while_the_build_runs_is_an_error(
     assert output.read_bytes() == built.read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["replaced", "changed", "removed", "after the areas", "touched"])
 def test_an_input_that_changes_while_the_build_runs_is_refused(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
@@ -252,6 +258,7 @@ def test_an_output_that_is_an_input_is_refused(tmp_path: Path, how: str) -> None
     assert dem.read_bytes() == DEM.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_file_behind_a_vrt_of_a_vrt_is_an_input(tmp_path: Path) -> None:
     """It is in the list of sources, it is no output, and a change of it is noticed, now and on resuming."""
     dem, output = tmp_path / "dem.tif", tmp_path / "x.h5"

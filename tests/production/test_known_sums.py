@@ -63,6 +63,7 @@ def compute_nothing(monkeypatch: pytest.MonkeyPatch, reads: bool) -> None:
     monkeypatch.setattr(BuildRun, "_compute", lambda self, jobs: self._read_inputs(spent_s) or {})
 
 
+@pytest.mark.slow
 def test_a_part_reads_nothing_that_another_has_read(
     dem: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -82,6 +83,7 @@ def test_a_part_reads_nothing_that_another_has_read(
     assert read == []
 
 
+@pytest.mark.slow
 def test_short_parts_read_no_input_for_its_sum(dem: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They know it by its state. The merge reads it, for the catalogue's `sources`."""
     monkeypatch.setattr(run, "_READ_SHARE", 0.0)
@@ -95,6 +97,7 @@ def test_short_parts_read_no_input_for_its_sum(dem: Path, monkeypatch: pytest.Mo
     assert sums == [hashlib.sha256(dem.read_bytes()).hexdigest()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_file_that_is_written_before_its_content_was_noted_is_another(
     whole: bool, dem: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -110,6 +113,7 @@ def test_a_file_that_is_written_before_its_content_was_noted_is_another(
     assert f"{dem}: was written or touched before its content was noted" in caplog.text
 
 
+@pytest.mark.slow
 def test_a_whole_build_goes_on_with_parts_that_did_not_read(
     dem: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -123,6 +127,7 @@ def test_a_whole_build_goes_on_with_parts_that_did_not_read(
     assert counts[0] == len(build.jobs[::3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first_reads", [False, True])
 def test_parts_that_start_together_agree_whether_they_have_read_or_not(
     first_reads: bool, dem: Path, monkeypatch: pytest.MonkeyPatch
@@ -161,6 +166,7 @@ def test_what_is_no_note_of_files_is_not_that_of_the_same(noted: object, dem: Pa
     assert are_as_noted([dem], file_facts([dem]))
 
 
+@pytest.mark.slow
 def test_a_replaced_file_is_noticed_although_size_and_time_are_the_same(
     dem: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

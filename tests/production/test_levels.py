@@ -131,6 +131,7 @@ def test_derived_levels_that_no_dem_resolves_are_left_out(
 # -- the catalogue
 
 
+@pytest.mark.slow
 def test_a_build_of_two_levels_is_the_merge_of_two_builds(
     built: Path, singles: list[Path], tmp_path: Path
 ) -> None:
@@ -164,6 +165,7 @@ def test_a_build_of_two_levels_is_the_merge_of_two_builds(
     assert catalog.patch_nodes == CONFIG.points.patch_nodes
 
 
+@pytest.mark.slow
 def test_one_level_is_a_build_of_its_cell(dems: tuple[Path, Path], singles: list[Path]) -> None:
     build = Build.plan(dems, with_cells(levels_m=(COARSE_M,)))
     same = Build.plan(dems, with_cells(gsd_m=COARSE_M))
@@ -175,6 +177,7 @@ def test_one_level_is_a_build_of_its_cell(dems: tuple[Path, Path], singles: list
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
 
 
+@pytest.mark.slow
 def test_an_interrupted_build_resumes_with_any_number_of_jobs(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +225,7 @@ def test_parts_share_the_areas_of_all_levels(
 # -- the DEMs of a level
 
 
+@pytest.mark.slow
 def test_a_level_has_points_only_where_a_dem_resolves_it(
     singles: list[Path], dems: tuple[Path, Path]
 ) -> None:
@@ -284,6 +288,7 @@ def test_the_plan_adds_up_the_levels(plan: Build, monkeypatch: pytest.MonkeyPatc
         assert max(fine[key], coarse[key]) < found[key] < fine[key] + coarse[key]
 
 
+@pytest.mark.slow
 def test_the_command_builds_the_same(
     built: Path, dems: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -56,6 +56,7 @@ def merged(paths: list[Path]) -> Path:
     return paths[0].with_name("m.h5")
 
 
+@pytest.mark.slow
 def test_points_are_those_of_a_greedy_choice(inputs: list[Catalog], merged: Path) -> None:
     """And each has all the figures that it has in its input."""
     found = read(merged)
@@ -70,6 +71,7 @@ def test_points_are_those_of_a_greedy_choice(inputs: list[Catalog], merged: Path
             np.testing.assert_array_equal(mine, inputs[number].part(name, its), err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_merged_catalogue_is_intact_and_read_as_any(inputs: list[Catalog], merged: Path) -> None:
     assert verify(merged) == []
     facts = describe(merged)
@@ -160,6 +162,7 @@ def test_the_order_of_the_inputs_does_not_matter(paths: list[Path], tmp_path: Pa
     assert (tmp_path / "m.h5").read_bytes() == (tmp_path / "n.h5").read_bytes()
 
 
+@pytest.mark.slow
 def test_files_are_merged_without_a_temporary_folder(
     paths: list[Path], merged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,6 +172,7 @@ def test_files_are_merged_without_a_temporary_folder(
     assert (tmp_path / "m.h5").read_bytes() == merged.read_bytes()
 
 
+@pytest.mark.slow
 def test_catalogues_in_memory_are_merged_as_files(
     inputs: list[Catalog], paths: list[Path], merged: Path, tmp_path: Path
 ) -> None:
@@ -179,6 +183,7 @@ def test_catalogues_in_memory_are_merged_as_files(
     np.testing.assert_array_equal(found.condition, wanted.condition)
 
 
+@pytest.mark.slow
 def test_small_blocks_give_the_same(
     paths: list[Path], merged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,6 +192,7 @@ def test_small_blocks_give_the_same(
     assert not compare_catalogs(read(tmp_path / "m.h5"), read(merged)).differs
 
 
+@pytest.mark.slow
 def test_a_catalogue_merged_with_itself_has_its_points(
     inputs: list[Catalog], paths: list[Path], merged: Path, tmp_path: Path
 ) -> None:
@@ -204,6 +210,7 @@ def test_a_catalogue_merged_with_itself_has_its_points(
     assert {name for name in found.maps if name.startswith("coverage")} == set()
 
 
+@pytest.mark.slow
 def test_pairs_first_or_last(paths: list[Path], tmp_path: Path) -> None:
     """Where no point is kept from another by a third one, merges may be nested in any way: here the
     third catalogue lies apart from the conflicts of the first two.
@@ -222,6 +229,7 @@ def test_pairs_first_or_last(paths: list[Path], tmp_path: Path) -> None:
     assert {name for name in found.maps if name.startswith("coverage")} == set()
 
 
+@pytest.mark.slow
 def test_levels_are_kept_apart(inputs: list[Catalog], paths: list[Path], tmp_path: Path) -> None:
     """A finer catalogue of the same ground: 0 is the finest, each level has its own spacing, and sigmas
     are rounded to the finer catalogue's step.
@@ -280,6 +288,7 @@ def promising(catalog: Catalog, seed: int, footprint_m: float) -> Catalog:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_promises_of_levels_are_kept_one_by_one(inputs: list[Catalog], tmp_path: Path) -> None:
     """Two levels of the same ground without common ids, then a third; one that loses points loses its
     promise.

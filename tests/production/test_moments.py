@@ -92,6 +92,7 @@ class Made:
         return place, at, (worth * close).sum(axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lat_deg", [-88.5, 84.0, 88.5])
 @pytest.mark.parametrize(("share", "units"), [(0.8, 1), (1.0, 1), (1.0, 15)])
 def test_a_place_has_what_it_is_told_at_every_moment(

@@ -26,6 +26,8 @@ from lcp_catalog.production.estimate import estimate
 from lcp_catalog.production.model_config import ModelConfig
 from lcp_catalog.production.run import Build, BuildRun
 
+pytestmark = pytest.mark.slow
+
 NADIR = ViewConfig((0.0,), (0.0,), (float("inf"),))
 COARSE = BuildConfig(
     area=AreaConfig(bounds_deg=(-180.0, -90.0, 180.0, 90.0)),

@@ -114,6 +114,7 @@ def seen() -> tuple[np.ndarray, dict[tuple[int, int], np.ndarray]]:
     return hides, shades
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_an_image_from_a_near_camera_is_that_of_brute_force(seen, law: str) -> None:
     """Every node's own direction to the camera; hidden nodes and shadows by all triangles; the law's

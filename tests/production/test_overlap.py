@@ -48,6 +48,7 @@ def compared(one: Catalog, other: Catalog) -> Agreement:
     return agreement(MergedPart(one, region), MergedPart(other, region))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["overviews", "patches"])
 @pytest.mark.parametrize("change", CONTRADICTIONS)
 def test_contradicting_heights_of_the_same_ground_are_found(
@@ -61,6 +62,7 @@ def test_contradicting_heights_of_the_same_ground_are_found(
         assert re.match(says, compared(*pair).fault)
 
 
+@pytest.mark.slow
 def test_contradicting_catalogues_are_refused_in_any_order(
     inputs: list[Catalog], tmp_path: Path
 ) -> None:
@@ -72,6 +74,7 @@ def test_contradicting_catalogues_are_refused_in_any_order(
     assert not (tmp_path / "m.h5").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("away_m", "merged"), [(80.0, True), (110.0, False)])
 def test_what_the_errors_explain_is_merged(
     away_m: float, merged: bool, inputs: list[Catalog], tmp_path: Path
@@ -129,6 +132,7 @@ def other_product(seed: int) -> Surface:
     return surface
 
 
+@pytest.mark.slow
 def test_levels_of_one_build_are_merged_as_they_are(inputs: list[Catalog], tmp_path: Path) -> None:
     """Their DEMs were compared when it was planned, before the work."""
     west, east = (
@@ -154,6 +158,7 @@ SURFACES: dict[str, Callable[[], Surface]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("shift", "says"), SHIFTS)
 @pytest.mark.parametrize("product", SURFACES)
 def test_ground_that_lies_elsewhere_is_found(
@@ -256,6 +261,7 @@ def test_what_a_small_overlap_does_not_show(columns: int, inputs: list[Catalog])
     assert compared(one, replace(other, sources=one.sources)) == ("", "")
 
 
+@pytest.mark.slow
 def test_what_a_merge_could_not_see_is_said(
     inputs: list[Catalog], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -321,6 +327,7 @@ def tiles(inputs: list[Catalog]) -> list[MergedPart]:
     return found
 
 
+@pytest.mark.slow
 def test_only_pairs_of_other_ground_are_left_out(inputs: list[Catalog]) -> None:
     """Against the comparison of every pair, either way round."""
     parts = tiles(inputs)
@@ -337,6 +344,7 @@ def test_only_pairs_of_other_ground_are_left_out(inputs: list[Catalog]) -> None:
     assert len(pairs) < len(every) * 2 / 3
 
 
+@pytest.mark.slow
 def test_an_overview_is_that_of_all_parts(
     inputs: list[Catalog], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -57,6 +57,7 @@ def test_parts_share_all_areas(plan: Build) -> None:
             BuildPart(*wrong)
 
 
+@pytest.mark.slow
 def test_parts_at_the_same_time_give_the_bytes_of_one_build(
     plan: Build, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -80,6 +81,7 @@ def test_parts_at_the_same_time_give_the_bytes_of_one_build(
     assert list(tmp_path.iterdir()) == [output]
 
 
+@pytest.mark.slow
 def test_the_merge_names_what_is_missing(plan: Build, built: Path, tmp_path: Path) -> None:
     output, areas = tmp_path / "x.h5", len(plan.jobs)
     (state,) = BuildRun(plan, output).list_parts()

@@ -85,6 +85,7 @@ def suns_that_happen(rng: np.random.Generator, lat_deg: np.ndarray) -> np.ndarra
     return np.where(np.abs(sine)[:, None] <= np.sin(np.radians(1.54)), sun, np.nan)
 
 
+@pytest.mark.slow
 def test_every_camera_sees_what_its_place_is_promised(plan: Build, catalog: Catalog) -> None:
     """400 cameras anywhere in the region under any Sun that can happen there: in the footprint lie at
     least as many points, usable by `predict`, as are stored for the nearest place, and where the
@@ -255,6 +256,7 @@ def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
     assert max(nearest) <= places.footprint_m / 2.0 - places.radius_m < 1.3 * max(nearest)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_promised_is_refused() -> None:
     with pytest.raises(
         ConfigError, match=r"footprint_km of 0\.5 km is too small .* at least \d+ km"

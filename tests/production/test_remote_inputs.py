@@ -36,6 +36,7 @@ def change(file: Path) -> None:
     file.write_bytes(content)
 
 
+@pytest.mark.slow
 def test_a_build_from_a_server(folder: Path) -> None:
     config, makes = folder / "build.toml", []
     with range_server(folder) as served:
@@ -58,6 +59,7 @@ def test_a_build_from_a_server(folder: Path) -> None:
     assert "ETag" in (folder / "r.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_file_that_changes_on_the_server_is_noticed(folder: Path) -> None:
     config = folder / "build.toml"
     config.write_text(BUILD.replace("accuracy", f'albedo = "{MAP}", accuracy', 1))

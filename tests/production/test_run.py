@@ -273,6 +273,7 @@ def test_the_error_model_is_stored(plan: Build, catalog: Catalog) -> None:
     )
 
 
+@pytest.mark.slow
 def test_errors_of_the_configuration_decide(plan: Build) -> None:
     """Louder images and rougher errors are claimed with lower probabilities."""
     errors = ErrorConfig(sensor_noise=0.3, height_sigma_m=60.0, albedo_sigma=0.2)
@@ -298,6 +299,7 @@ def test_two_processes_give_the_same_bytes(plan: Build, built: Path, tmp_path: P
     assert (tmp_path / "two.h5").read_bytes() == built.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> None:
     """A region shifted by 7 km finds the same candidates in the middle, at the same nodes."""
     other = dataclasses.replace(
@@ -311,6 +313,7 @@ def test_the_same_ground_has_the_same_id_in_another_region(catalog: Catalog) -> 
     assert len(places & again) >= 0.5 * min(len(places), len(again)) > 0
 
 
+@pytest.mark.slow
 def test_the_stored_configuration_builds_the_same_points(catalog: Catalog, tmp_path: Path) -> None:
     path = tmp_path / "again.toml"
     path.write_text(catalog.config)
@@ -329,6 +332,7 @@ def test_without_a_cell_size_it_is_half_of_what_the_dem_resolves(
     assert Build.plan((DEM,), CONFIG).levels[0].cell.reason == "as configured"
 
 
+@pytest.mark.slow
 def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
     """The error model takes the median over the region, every point its own."""
     here = tmp_path / "maps"
@@ -372,6 +376,7 @@ def test_maps_of_the_dems_errors_count_in_their_places(tmp_path: Path) -> None:
     assert Build.plan((DEM,), config).facts() != before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [None, 33.0])
 def test_heights_of_an_unknown_product_have_the_assumed_sigma(
     given: float | None, tmp_path: Path
@@ -453,6 +458,7 @@ def test_the_start_has_the_time_of_all_processes(plan: Build) -> None:
     assert sum(after[2:4]) > sum(before[2:4]) or not executor.are_forked()
 
 
+@pytest.mark.slow
 def test_the_size_of_the_file_is_estimated(plan: Build, built: Path) -> None:
     """From one area's points, by measured shares for patches and claims."""
     said = estimate(plan, workers=1)

@@ -75,6 +75,7 @@ def test_an_image_of_a_build_is_the_render_of_the_same_scene(build: Build) -> No
                     np.testing.assert_array_equal(image.radiance, render.radiance)
 
 
+@pytest.mark.slow
 def test_a_sweep_with_bounced_light_is_the_render_with_it() -> None:
     """`model.bounce`: dark nodes get the light of other ground, of an oblique view and in stacks, too."""
     config = CONFIG.replaced({"model.bounce": "on"})

@@ -70,6 +70,7 @@ def _values(one: Evaluation) -> dict[str, np.ndarray]:
     return {f.name: getattr(one, f.name) for f in dataclasses.fields(one)}
 
 
+@pytest.mark.slow
 def test_chosen_candidates_have_the_values_of_one_pass(job: AreaJob, whole: AreaResult) -> None:
     every = whole.candidates
     assert every.sites is not None
@@ -134,6 +135,7 @@ def test_every_point_has_the_claims_of_one_pass(built: Path, tmp_path: Path) -> 
     assert usable[0] >= 0.8 * usable[1]
 
 
+@pytest.mark.slow
 def test_a_first_look_that_sees_all_chooses_as_one_pass(
     built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,11 +179,8 @@ def test_what_fails_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(apart) == len(catalog)
 
 
-@pytest.mark.parametrize(
-    "config",
-    [pytest.param(TWO, marks=pytest.mark.slow), PROMISED],
-    ids=["spacing", "promise"],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("config", [TWO, PROMISED], ids=["spacing", "promise"])
 def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
     config: BuildConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,9 +208,10 @@ def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
     assert not resumed.with_name("resumed.h5.parts").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("config", "little_mb"),
-    [(TWO, 2.0), pytest.param(PROMISED, 0.7, marks=pytest.mark.slow)],
+    [(TWO, 2.0), (PROMISED, 0.7)],
     ids=["spacing", "promise"],
 )
 def test_ground_is_made_once_where_there_is_room_and_changes_no_byte(
@@ -248,6 +248,7 @@ def test_kept_ground_leaves_an_area_its_memory() -> None:
     assert level.kept_mb + worker_mb(tasks, config, 0.5) <= 500.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_a_promise_of_two_passes_is_kept_by_its_points(tmp_path: Path) -> None:
     """The file's own checks count the units of the points near each place."""
     outputs = [tmp_path / f"{passes}.h5" for passes in (1, 2)]
@@ -263,6 +264,7 @@ def test_a_promise_of_two_passes_is_kept_by_its_points(tmp_path: Path) -> None:
     assert kept[1] >= 0.95 * kept[0]
 
 
+@pytest.mark.slow
 def test_a_choice_that_does_not_stand_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -292,6 +294,7 @@ def test_areas_that_all_fail_are_named(tmp_path: Path, monkeypatch: pytest.Monke
         BuildRun(Build.plan((DEM,), TWO), tmp_path / "x.h5", keep_going=True).whole()
 
 
+@pytest.mark.slow
 def test_an_area_that_fails_in_the_second_pass_is_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -320,9 +323,10 @@ LEVELS = replace(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("config", "jobs"),
-    [(TWO, 1), pytest.param(TWO, 2, marks=pytest.mark.slow), (PROMISED, 2), (LEVELS, 1)],
+    [(TWO, 1), (TWO, 2), (PROMISED, 2), (LEVELS, 1)],
     ids=["spacing", "spacing-2", "promise-2", "levels"],
 )
 def test_parts_give_the_bytes_of_one_build(config: BuildConfig, jobs: int, tmp_path: Path) -> None:
@@ -346,6 +350,7 @@ def test_parts_give_the_bytes_of_one_build(config: BuildConfig, jobs: int, tmp_p
     assert sorted(tmp_path.iterdir()) == sorted(paths)
 
 
+@pytest.mark.slow
 def test_a_second_choice_gives_the_parts_what_replaces(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -399,6 +404,7 @@ def test_passes_in_the_wrong_order_are_refused_in_one_line(tmp_path: Path) -> No
         BuildRun(Build.plan((DEM,), CONFIG), output).select()
 
 
+@pytest.mark.slow
 def test_damaged_files_between_the_passes_are_made_again(tmp_path: Path) -> None:
     plan, output = Build.plan((DEM,), TWO), tmp_path / "x.h5"
     build, part = BuildRun(plan, output), BuildPart(1, 1)
@@ -424,6 +430,7 @@ def test_damaged_files_between_the_passes_are_made_again(tmp_path: Path) -> None
     assert output.read_bytes() == _whole(TWO)
 
 
+@pytest.mark.slow
 def test_what_was_evaluated_for_a_choice_without_an_area_is_not_taken(tmp_path: Path) -> None:
     """An area that was missing when the choice was made changes it, also in the areas beside."""
     plan, output = Build.plan((DEM,), TWO), tmp_path / "x.h5"

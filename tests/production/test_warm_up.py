@@ -41,6 +41,7 @@ def test_the_list_names_kernels_and_the_types_of_their_parameters() -> None:
     assert found[0].seconds == max(entry.seconds for entry in found)
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_compiled_in_another_process_once(own: Path) -> None:
     seen: list[tuple[int, int]] = []
     assert warm_up.missing("build-catalog") == [SMALL]
@@ -53,6 +54,7 @@ def test_what_is_missing_is_compiled_in_another_process_once(own: Path) -> None:
     assert file.stat().st_mtime_ns == before
 
 
+@pytest.mark.slow
 def test_files_for_others_and_for_another_level(own: Path, tmp_path: Path) -> None:
     if level() not in LEVELS:
         with pytest.raises(ConfigError, match="on such a processor"):
@@ -70,6 +72,7 @@ def test_files_for_others_and_for_another_level(own: Path, tmp_path: Path) -> No
         warm_up.warm_up("v5")
 
 
+@pytest.mark.slow
 def test_a_kernel_that_cannot_be_compiled_is_told_and_left_out(
     own: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -65,6 +65,7 @@ def test_many_conditions_and_close_candidates_take_smaller_areas() -> None:
     assert nodes(suns) < nodes(FINE)
 
 
+@pytest.mark.slow
 def test_a_worker_keeps_its_promise() -> None:
     """Without the promise, an area of 1024 nodes takes 553 MB."""
     build = Build.plan((DEM,), FINE, TIGHT_GB)

@@ -78,6 +78,7 @@ def test_the_axis_of_a_scanner_is_the_ray_of_its_middle(tmp_path):
     np.testing.assert_allclose(axis_place(scanner, None), center_of(scanner), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_areas_around_the_axis_and_the_footprint(tmp_path, capsys):
     """The principal point in the upper left: the axis lies north-west of the footprint's middle."""
     ground = write_dem(tmp_path / "hills.tif", rolling(256, 256), 30.0, 11.0)

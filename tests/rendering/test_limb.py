@@ -26,6 +26,7 @@ def looking_at_limb(radius_px, distance=3.0 * R, size=(40, 40), distortion=(0, 0
     return Camera(position, rotation, focal, middle, size, distortion)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radius_px", "distance"),
     [(3, 3 * R), (3, 300 * R), (30, R + 1e3), (30, 3 * R), (3000, R + 1e3), (3000, 300 * R)],

@@ -82,6 +82,7 @@ def closed_form(terrain: Terrain, height: float) -> tuple[np.ndarray, np.ndarray
     return up - R, normals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size_km", "gsd_m"), [(0.02, 0.5), (0.3, 118.45), (2000.0, 10_000.0)])
 def test_heights_are_the_balls(moons, size_km, gsd_m):
     for place, height in itertools.product(PLACES, HEIGHTS):
@@ -117,6 +118,7 @@ def test_the_limb_is_where_the_ground_ends(moons, place):
 SUNS = [(90.0, 89.9), (0.0, 90.0), (270.0, 0.1), (45.0, 30.0), (10.0, 0.0), (180.0, 1e-6)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_a_balls_light_is_known(moons, tier):
     """Incidence, emission and phase of every node; nodes with the Sun above their horizon are lit."""
@@ -234,6 +236,7 @@ VIEWS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", TIERS)
 def test_nothing_is_silently_nan(tier):
     """At nodes with a normal every angle is finite; at visible nodes the radiance is finite, 0 in shadow; nodes

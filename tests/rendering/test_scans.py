@@ -213,6 +213,7 @@ def test_one_sun_is_enough_for_seconds(dem, tmp_path):
     assert (angles.modelled, angles.error_bound) == (False, 0.0)
 
 
+@pytest.mark.slow
 def test_nodes_are_hidden_along_their_own_lines_of_sight(tmp_path):
     """A wide framelet over two walls, each a row of nodes: each hides ground on its far side, seen from
     a camera between them.

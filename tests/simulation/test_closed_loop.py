@@ -72,7 +72,8 @@ def show(rows: list[Row]) -> None:
         )
 
 
-@pytest.mark.parametrize("attitude", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("attitude", [False, True])
 def test_a_frame_comes_back_to_its_place(site, taken, attitude):
     shot, camera, photo = taken(site, 5)
     row = fly(site, shot, camera, photo, attitude)
@@ -85,6 +86,7 @@ def test_a_frame_comes_back_to_its_place(site, taken, attitude):
     assert row.squared < 30.0
 
 
+@pytest.mark.slow
 def test_a_frame_from_elsewhere_is_not_located(site, taken):
     """With a camera 60 km further east or west, thirty sigmas, over terrain of the catalogue."""
     shot, camera, photo = taken(site, 5)
@@ -124,6 +126,7 @@ def test_a_dozen_frames(site, renderer):
 # The judge judged
 
 
+@pytest.mark.slow
 def test_frames_are_drawn_over_all_that_was_asked_for(site):
     """Completely on the DEM, and still as oblique and as wide as drawn; the Sun as its angles say."""
     drawn = list(site.shots(60, 3, Draw(size_px=128)))
@@ -168,6 +171,7 @@ def test_a_small_rotations_vector():
     np.testing.assert_allclose(_turn(Rotation.from_rotvec(vector).as_matrix()), vector, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_truth_is_what_the_believed_camera_was_moved_from(site):
     """A camera that is moved, and moved back by the correction found, is the same camera; sigmas
     are the stated ones.

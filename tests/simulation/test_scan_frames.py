@@ -91,6 +91,7 @@ def test_blur_reaches_into_a_scan_from_outside(dem, tmp_path, blur_px):
     assert np.abs(found - judged[12:-12, 12:-12]).max() / found.mean() < 1e-3
 
 
+@pytest.mark.slow
 def test_patches_under_a_scanner_are_islands_of_the_dem(dem, tmp_path):
     for kind in ("LINE_SCANNER", "PUSH_FRAME"):
         how = {"shape": (120, 120), "subsolar": (210.0, -20.0)}

@@ -103,6 +103,7 @@ def image(rng: np.random.Generator, field: Heightfield, origin: Array) -> Array:
 seeds = st.integers(0, 2**32 - 1)
 
 
+@pytest.mark.slow
 @settings(max_examples=50, deadline=None)
 @given(seed=seeds, kind=st.sampled_from(KINDS), holes=st.booleans())
 def test_any_camera_over_any_terrain(seed: int, kind: str, holes: bool) -> None:

@@ -70,6 +70,7 @@ def ball(tmp_path_factory: pytest.TempPathFactory) -> Mesh:
     return north
 
 
+@pytest.mark.slow
 def test_the_ring_and_the_pole_are_closed(ball):
     """Rays from the Moon's centre meet the mesh everywhere, also at the seam and the north pole."""
     lon = np.append(np.random.default_rng(9).uniform(0, 360, 4000), [0.0, 359.9, 0.1, 12.0])

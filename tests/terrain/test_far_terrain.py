@@ -174,6 +174,7 @@ def highland() -> tuple[Heightfield, FarTerrain]:
     return field, FarTerrain((holed(coarse, 40.0, 2400.0),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("elevation_deg", [3.0, 6.0, 10.0, 15.0])
 def test_tiers_keep_their_shares_of_wrong_nodes(highland, elevation_deg) -> None:
     """docs/explanation/accuracy.md: draft 0.5 %, standard 0.02 %; near and far shadows together."""
@@ -203,6 +204,7 @@ def test_a_sweep_is_its_suns(highland, tier) -> None:
         np.testing.assert_array_equal(mask, occluded(field, sun, TIERS[tier], window, far))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["standard", "high", "reference"])
 def test_a_far_ridge_cuts_the_disc(tier) -> None:
     """A plain, and around it a wall of uneven height on far cells: shares of the disc against 420

@@ -118,6 +118,7 @@ def craters() -> Craters:
 
 
 class TestDraft:
+    @pytest.mark.slow
     def test_wrong_nodes_are_few_under_every_sun(self, craters):
         share = (craters.swept("draft") != craters.exact).mean(axis=(2, 3))
         assert share.max() <= TIERS["draft"].node_error

@@ -101,6 +101,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
 def test_the_comparison_finds_faults(sites, name, fault):
     """With eight nodes per pixel, on terrain that is smooth over pixels, half a pixel is more than

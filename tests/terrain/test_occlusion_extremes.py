@@ -40,6 +40,7 @@ def one_thread():
         yield
 
 
+@pytest.mark.slow
 @EVERY
 def test_no_crash_and_no_dark_node_without_a_height(tier):
     for name in TERRAINS:

@@ -65,6 +65,7 @@ def one_thread():
         yield
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERRAINS)
 def test_suns_along_every_special_line(name):
     f = field(name)
@@ -85,6 +86,7 @@ def test_suns_at_the_zenith_and_the_nadir(name):
     np.testing.assert_array_equal(f.occluded_nodes([0, 0, -1]), judged(f.z_m, (0.0, 0.0, -1.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERRAINS)
 def test_points_in_the_middle_of_facets_and_edges(name):
     """Points on the surface other than nodes: inside a facet and on its three edges."""
@@ -142,6 +144,7 @@ def stand(f: Heightfield, camera: tuple[float, float, float]) -> tuple[float, fl
     return u, v, height + (0.0 if math.isnan(ground) else ground)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERRAINS)
 def test_the_nodes_that_a_camera_sees(name):
     f = field(name)
@@ -156,6 +159,7 @@ def test_the_nodes_that_a_camera_sees(name):
         np.testing.assert_array_equal(answer[sure], judged_from(f.z_m, (u, v, z))[sure], camera)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERRAINS)
 def test_the_hits_of_a_cameras_rays(name):
     f = field(name)

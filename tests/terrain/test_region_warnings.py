@@ -71,6 +71,7 @@ def test_a_renamed_file_is_not_known(sample, caplog, tmp_path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_catalogue_without_points_says_why(tmp_path, caplog) -> None:
     flat = write_dem(tmp_path / "flat.tif", np.zeros((64, 64)), 30.0, 11.0)
     out = tmp_path / "c.h5"

@@ -92,6 +92,7 @@ def test_a_range_160_km_away_has_its_elevation_on_the_sphere(range_dem, east_km)
     assert math.degrees(math.atan(slope / 100.0)) == pytest.approx(want, abs=0.002)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tier", ["draft", "standard", "reference"])
 @pytest.mark.parametrize(("off_deg", "dark"), [(-0.02, True), (0.02, False)])
 def test_the_render_sees_it(range_dem, tmp_path, tier, off_deg, dark) -> None:
@@ -215,6 +216,7 @@ def test_missing_ground_is_told(range_dem) -> None:
     assert far.gap_m == pytest.approx(3.0 * DEGREE_M - 2000.0, rel=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [16, 64])
 def test_the_horizons_error(tmp_path, monkeypatch, share) -> None:
     """`HORIZON_RMS_DEG` where far cells form the horizon, against the area's cell size; coarser

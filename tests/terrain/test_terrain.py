@@ -56,6 +56,7 @@ def places(terrain: Terrain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "at", [(30.0, 20.0), (0.0, 0.0), (180.0, -50.0), (-90.0, 88.0), (77.0, 90.0), (10.0, -90.0)]
 )

@@ -83,6 +83,7 @@ def found(build: Build) -> Trade:
         patch.undo()
 
 
+@pytest.mark.slow
 def test_rows_are_the_contracts_and_count_what_changes(found: Trade, build: Build) -> None:
     rows = {row["knob"]: row for row in json.loads(json.dumps(found.document()))["rows"]}
     assert all(set(row) >= CONTRACT for row in rows.values())
@@ -153,6 +154,7 @@ def test_the_views_between_are_in_reach_of_those_of_the_build() -> None:
         assert knob_rows._of_views(usual.replaced(more).view, usual.view).any(axis=1).all()
 
 
+@pytest.mark.slow
 def test_conditions_that_are_no_longer_stated_count_as_changed(found: Trade, build: Build) -> None:
     """One of two views 30 deg apart is left: the other's usable conditions are lost."""
     (row,) = (row for row in found.rows if row["knob"] == "views")
@@ -230,6 +232,7 @@ def test_what_is_not_measured_is_named(
     assert late.rows[0]["interval"] is None  # one area
 
 
+@pytest.mark.slow
 def test_all_areas_state_the_promise_and_the_size_of_the_file(
     build: Build,
     monkeypatch: pytest.MonkeyPatch,
@@ -259,6 +262,7 @@ def test_all_areas_state_the_promise_and_the_size_of_the_file(
     assert "promises nothing" in none.not_measured["change of the promise"]
 
 
+@pytest.mark.slow
 def test_the_configuration_for_a_budget_is_measured_on_more_areas(
     build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -332,6 +336,7 @@ def test_times_are_over_the_median_of_runs_between(
     assert low <= 1.0 <= high
 
 
+@pytest.mark.slow
 def test_the_time_limit_holds_for_the_confirmation_and_slow_rows(
     build: Build, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -387,6 +392,7 @@ def test_the_chart_marks_the_users_configuration_and_the_one_to_take(found: Trad
         assert drawn.count("<circle class='taken'") == drawn.count(">to take</text>") == told
 
 
+@pytest.mark.slow
 def test_two_passes_choose_among_all_areas(build: Build, tmp_path: Path) -> None:
     """As many points, worth as much, as in the file of a build in two passes, and no place is lost where areas meet."""
     dem = build.recipe.dems.dems[0].path

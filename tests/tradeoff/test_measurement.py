@@ -48,6 +48,7 @@ def trade(build: Build) -> Trade:
         patch.undo()
 
 
+@pytest.mark.slow
 def test_a_wrong_tier_changes_points_and_the_others_do_not(trade: Trade) -> None:
     rows = {row["accuracy"]: row for row in trade.tiers}
     assert list(rows) == ["draft", "standard", "high", "reference"]

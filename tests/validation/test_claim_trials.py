@@ -120,6 +120,7 @@ def test_without_a_place_or_claims_there_are_no_trials() -> None:
     assert (len(none), none.reason) == (0, "no point is in view")
 
 
+@pytest.mark.slow
 def test_a_fine_image_is_searched_and_gated_in_its_reduced_pixels() -> None:
     """Half the pixel size, so that the search takes blocks of 2 x 2 pixels: 1.5 of these are 178 m."""
     fine = hadley_camera()

@@ -104,6 +104,7 @@ def test_errors_of_a_point_are_those_of_the_usable_conditions() -> None:
         assert row[1:] == (metres, metres)
 
 
+@pytest.mark.slow
 def test_the_page_shows_verdict_budget_and_evidence(
     files: tuple[Path, Path], tmp_path: Path, answer: Answer
 ) -> None:

@@ -94,6 +94,7 @@ def residuals(
     )
 
 
+@pytest.mark.slow
 def test_known_errors_come_back_from_two_suns() -> None:
     """Lengths lie on a grid of steps of 18 and 41 %. A length between two steps moves some variance to
     the white noise; the limits are shares of the whole variance of the residuals.
@@ -119,6 +120,7 @@ def parts(model: ErrorModel, samples: list[Residuals]) -> tuple[float, float, fl
     return model.sensor_noise**2, heights, model.albedo_sigma**2 * float(level)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "model"),
     [
@@ -137,6 +139,7 @@ def test_a_single_source_is_told_from_the_others(name: str, model: ErrorModel) -
     assert shares[name] > 0.8 * sum(shares.values())
 
 
+@pytest.mark.slow
 def test_an_error_of_places_is_found() -> None:
     """40 m per axis, in addition to the errors of the matches themselves; and none."""
     for place_m in (40.0, 0.0):
@@ -151,6 +154,7 @@ def test_an_error_of_places_is_found() -> None:
         assert found.position_sigma_cells == 0.0  # the error of place is fitted as a whole
 
 
+@pytest.mark.slow
 def test_the_spread_of_the_noise_is_not_an_error_of_places() -> None:
     """It is part of the matches' covariances, once."""
     wide = replace(STATED, spread=0.7)
@@ -196,6 +200,7 @@ def test_too_few_points_are_refused() -> None:
         fit_errors([], STATED)
 
 
+@pytest.mark.slow
 def test_each_kind_of_images_has_its_own_model(tmp_path: Path) -> None:
     """The one with the most points first, under the given name; a kind with few points has none."""
     maps, frames = residuals(1, EAST, count=40), residuals(2, NORTH_EAST, count=60)

@@ -73,6 +73,7 @@ def test_a_patch_as_terrain_lies_where_its_nodes_are(catalog) -> None:
         assert np.abs(away).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_every_window_has_its_place(photo) -> None:
     """The centre of a window, projected into the image, is the mean of the pixels of its corners;
     cells are as given.
@@ -102,6 +103,7 @@ def sharp(monkeypatch):
     monkeypatch.setattr(ground_comparison, "of_file", as_posted)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gsd_m", [240.0, 118.45, 80.0])
 def test_a_render_of_the_same_dem_is_the_image(photo, sharp, gsd_m) -> None:
     """80 m: finer than the DEM, which is then rendered at 80 m."""

@@ -22,6 +22,7 @@ def bent(rms_px: float) -> np.ndarray:
     return np.stack([across, np.zeros(40)], axis=1) * rms_px / across.std()
 
 
+@pytest.mark.slow
 def test_chances_are_chances() -> None:
     """Of 2000 draws of errors without a pattern, also of unequal sigmas; a shift is none."""
     rng = np.random.default_rng(1)

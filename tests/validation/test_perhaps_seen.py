@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from helpers import many_points
 from helpers.twins_match import looking_at
 
@@ -35,6 +36,7 @@ def test_points_far_from_the_image_stay_in_the_file(tmp_path: Path) -> None:
         assert isinstance(held(whole, name), StoredArray)
 
 
+@pytest.mark.slow
 def test_of_several_levels_those_that_suit_the_pixel_are_read(tmp_path: Path) -> None:
     """Pixels of 600 m: the finest level is too fine, and the coarsest too coarse."""
     made = many_points.catalog(4000)

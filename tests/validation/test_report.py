@@ -248,6 +248,7 @@ def test_the_table_has_every_point(html: str) -> None:
     assert len(re.findall("<th scope='col'><button", table)) == len(rows[0])
 
 
+@pytest.mark.slow
 def test_the_reliability_diagram_shows_every_bin_with_trials() -> None:
     """Marks at the predicted and observed share, a bar from limit to limit, and the counts."""
     images = verdicts.image(n=400), verdicts.image("other.png", n=200, seed=4)
@@ -292,6 +293,7 @@ def test_a_long_table_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "Table of the 60 points in view. The first 10 are shown; the CSV file has all." in html
 
 
+@pytest.mark.slow
 @in_browser
 @pytest.mark.parametrize("width", [400, 1200])
 def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path) -> None:
@@ -368,6 +370,7 @@ def test_equal_verdicts_are_equal_pages(html: str) -> None:
     assert again == html
 
 
+@pytest.mark.slow
 def test_large_pictures_do_not_make_large_pages() -> None:
     """Noise compresses worst."""
     dice = np.random.default_rng(8)

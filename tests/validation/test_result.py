@@ -245,6 +245,7 @@ def test_equal_verdicts_are_equal_bytes(whole: result.ValidationResult) -> None:
     assert whole.to_json().endswith("}\n")
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     st.recursive(

@@ -55,6 +55,7 @@ def sample():
     return ground, ground.radiance(albedo=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cell_fwhm", "least"), [(1.0, 0.77), (2.0, 0.74)])
 def test_the_sample_holds_its_own_bar(sample, cell_fwhm, least):
     """Without an albedo map and without decoding: half of the frame is smooth mare, whose
@@ -67,6 +68,7 @@ def test_the_sample_holds_its_own_bar(sample, cell_fwhm, least):
     assert found.textured.share_above(0.9) >= 0.95
 
 
+@pytest.mark.slow
 def test_the_image_must_be_as_blunt_as_the_dem(sample):
     """At the posting, applying the DEM's point spread to the image gains several per cent."""
     ground, render = sample
