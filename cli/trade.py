@@ -57,7 +57,7 @@ def _written(folder: str) -> Iterator[Path]:
     "--areas",
     type=AreaCount(),
     metavar="N|all",
-    help="Number of the build's areas to compute, spread over the region; all: also the promise of every alternative. "
+    help="Number of the build's areas to compute, spread over the region; all: also small ones at its border, and the promise. "
     "Default 4.",
 )
 @click.option(
@@ -127,4 +127,6 @@ def command(
     echo(markdown(found), nl=False)
     some, of = found.compared["areas"], found.compared["areas_of"]
     many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternative{'s' * (len(found.rows) != 2)} on {some}"
+    if areas not in (None, ALL) and int(areas) > of:
+        say(f"{output}: --areas {areas}, of which the build has {of}")
     say(f"{output}: {many} of {of} area{'s' * (of != 1)}")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +17,16 @@ from ..stages import Progress, unseen
 from .knob_rows import Written, row_of, rows_of
 from .knobs import Measurement, Sample, Setting, for_budget, settings
 from .measurement import Budget, Trade, spread
-from .proposal import keeps_enough, proposal, relative, require_one, together, together_row
+from .proposal import (
+    SAVING,
+    keeps_enough,
+    proposal,
+    relative,
+    require_one,
+    saves,
+    together,
+    together_row,
+)
 
 WORKERS = 2
 """Processes that compute alternatives."""
@@ -45,6 +55,7 @@ def measure_all(
     config = recipe.config.replaced({"model.reflectance": recipe.law.model.name})
     chosen = [build.jobs[i] for i in spread(build, areas or len(build.jobs))]
     sample, own = Sample(build, config, chosen), Setting("", "as configured", {})
+    sample.start_s(build.levels[0])
     begun = time.monotonic()
     first_runs = [usual for _, usual in Measurement(sample, workers, math.inf).outcomes([own, own])]
     if isinstance(first_runs[0], str) or isinstance(first_runs[1], str):
@@ -59,7 +70,8 @@ def measure_all(
     least_s = 1.5 * (time.monotonic() - begun)
     # on CONFIRMED areas and then on twice as many, of both configurations
     most_s = 6.0 * CONFIRMED * setting_s / len(chosen) + 2.0 * _START_S
-    kept_s = min(max(least_s, most_s), left_s / 3.0) if asked else 0.0
+    pairs_s = _PAIRED * 2.0 * PAIRS * setting_s + _START_S
+    kept_s = min(max(least_s, most_s) + pairs_s, left_s / 2.0) if asked else 0.0
     measured = Measurement(sample, workers, until - kept_s, setting_s)
     wanted, finer = settings(config), (budget.seconds or 0.0) >= first["build_seconds"]
     if asked:
@@ -104,6 +116,11 @@ def measure_all(
 BASELINE_EVERY = 10
 """Alternatives between two runs of the configuration itself."""
 
+PAIRS, _PAIRED = 2, 3
+"""Runs of an alternative that an answer takes, each beside one of the configuration: all must save time; and the number of such
+alternatives for which time is kept.
+"""
+
 _START_S = 5.0
 """Time in which processes start and load kernels."""
 
@@ -122,12 +139,20 @@ def _best(
     first: dict[str, Any],
     budget: Budget,
 ) -> tuple[Setting, dict[str, Any]]:
-    """The configuration for a budget and its row. Taken back, the last setting first, is what exceeds the error, or the time
-    with finer settings, and what together keeps too few places and points, though each keeps enough.
+    """The configuration for a budget and its row. What would be taken to save time is measured again beside the configuration
+    first, and left out if it does not (``unconfirmed``). Taken back, the last setting first, is what exceeds the error, or the
+    time with finer settings, what saves none together, and what together keeps too few places and points, though each keeps enough.
     """
-    left = list(done)
+    left, unsure = list(done), []
+    finer = (budget.seconds or 0.0) >= first["build_seconds"]
     for turn in range(_TRIES + 1):
         taken = proposal(left if turn < _TRIES else [], first, budget.seconds, budget.error)
+        while new := [
+            one for one in left if one[0] in taken and "pairs" not in one[1] and not finer
+        ]:
+            confirmation.again(new, first)
+            unsure += [f"{one.knob}: {one.value}" for one, row in new if not saves(row, 0.0)]
+            taken = proposal(left, first, budget.seconds, budget.error)
         rows = [row for setting, row in left if setting in taken]
         best = together(taken)
         told = together_row(first, rows)
@@ -136,10 +161,12 @@ def _best(
             kept = (best_row["conditions_changed_share"] or 0.0) <= budget.error
         else:
             kept = not any(s.finer for s in taken) or best_row["build_seconds"] <= budget.seconds
-        if not taken or (kept and keeps_enough(best_row)):
+        faster = finer or best_row["seconds_relative"] < 1.0 - SAVING
+        if not taken or (kept and faster and keeps_enough(best_row)):
             break
         left = [one for one in left if one[0] != taken[-1]]
-    return best, best_row | {"finer": any(one.finer for one in taken)}
+    found = {"finer": any(one.finer for one in taken), "unconfirmed": unsure}
+    return best, best_row | found
 
 
 CONFIRMED, CLOSE = 32, 0.15
@@ -165,6 +192,40 @@ class Confirmation:
         start_s = _START_S if self.workers else 0.0
         return time.monotonic() + count * self.area_s * (1.0 + relative) + start_s <= self.until
 
+    def again(self, some: Sequence[tuple[Setting, dict[str, Any]]], usual: dict[str, Any]) -> None:
+        """Measure settings `PAIRS` times more, each beside the configuration area by area, and set the times of their rows by that;
+        of those for which there is no time ``pairs`` is 0.
+        """
+        fit: list[tuple[Setting, dict[str, Any]]] = []
+        wanted: list[Setting] = []
+        count = 0.0
+        for setting, row in some:
+            count += PAIRS * len(self.sample.jobs) * 0.5 * (1.0 + row["seconds_relative"])
+            row["pairs"] = PAIRS if self.fits(count, 1.0) else 0
+            if not row["pairs"]:
+                continue
+            for pair in range(PAIRS):
+                name = f"{len(fit)} {pair}"
+                both = [Setting("", "", {}, configured=name), replace(setting, configured=name)]
+                wanted += both[:: 1 - 2 * (pair % 2)]  # what comes first comes last then
+            fit.append((setting, row))
+        measured = Measurement(self.sample, self.workers, math.inf, in_turn=True)
+        areas_s = {
+            (one.configured, one.knob == ""): outcome.areas_s()[0]
+            for one, outcome in measured.outcomes(wanted)
+            if not isinstance(outcome, str)
+        }
+        own_s = usual["build_seconds"] - usual["build_start_seconds"]
+        for k, (_, row) in enumerate(fit):
+            pairs = [areas_s[f"{k} {n}", False] / areas_s[f"{k} {n}", True] for n in range(PAIRS)]
+            mean = sum(pairs) / PAIRS
+            row |= {
+                "seconds": usual["seconds"] * mean,
+                "seconds_relative": mean,
+                "seconds_interval": [min(pairs), max(pairs)],
+                "build_seconds": own_s * mean + row["build_start_seconds"],
+            }
+
     def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
         """The row of the configuration; ``told``, what its settings say together, where there is no time for any
         measurement. ConfigError for settings that exclude each other.
@@ -185,7 +246,7 @@ class Confirmation:
         build, own = self.sample.build, Setting("", "as configured", {})
         jobs = [build.jobs[i] for i in spread(build, count)]
         sample = Sample(build, self.sample.config, jobs, self.sample.starts)
-        measured = Measurement(sample, self.workers, math.inf)
+        measured = Measurement(sample, self.workers, math.inf, in_turn=True)
         found = {one.knob: outcome for one, outcome in measured.outcomes([own, best])}
         usual, outcome = found[own.knob], found[best.knob]
         if isinstance(usual, str) or isinstance(outcome, str):

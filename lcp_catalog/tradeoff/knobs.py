@@ -389,11 +389,18 @@ def _too_late(slow_s: float) -> str:
 
 class Measurement:
     """Settings that are computed on a sample with some processes (0: in this one), until ``until``, a time of
-    `time.monotonic`.
+    `time.monotonic`. ``in_turn``: area by area, so that changes in the machine's speed affect all of them.
     """
 
-    def __init__(self, sample: Sample, workers: int, until: float, setting_s: float = 0.0) -> None:
-        self.sample, self.workers, self.until = sample, workers, until
+    def __init__(
+        self,
+        sample: Sample,
+        workers: int,
+        until: float,
+        setting_s: float = 0.0,
+        in_turn: bool = False,
+    ) -> None:
+        self.sample, self.workers, self.until, self.in_turn = sample, workers, until, in_turn
         self.setting_s = setting_s
         """Time of a setting as slow as the configuration."""
 
@@ -408,7 +415,7 @@ class Measurement:
             left = list(enumerate(wanted))
             queue: list[tuple[int, list[int]]] = []
             while left or queue or waiting:
-                while not queue and left and len(waiting) <= self.workers:
+                while left and (self.in_turn or (not queue and len(waiting) <= self.workers)):
                     at, setting = left.pop(0)
                     opened = self._opened(setting)
                     if isinstance(opened, str):
@@ -420,6 +427,9 @@ class Measurement:
                     # of two passes all areas in one process, with one choice
                     passes = level.recipe.config.points.two_passes
                     queue += [(at, some) for some in ([every] if passes else [[k] for k in every])]
+                queue.sort(
+                    key=lambda one: self.in_turn and (one[1][0] + 0.5) / len(open_[one[0]][2])
+                )
                 while queue and (pool is None or len(waiting) <= self.workers):
                     at, some = queue.pop(0)
                     level, parts, runs = open_[at]

@@ -284,16 +284,18 @@ def spread(build: Build, count: int) -> list[int]:
     """Indices of sample areas: the one nearest to the region's centre, then repeatedly the one
     farthest from those chosen.
 
-    Areas with less than half of the nodes of the largest one are chosen last.
+    Areas with less than half of the nodes of the largest one, which the region's border cuts, are taken only for all areas, as the
+    last.
     """
     nodes = np.array([job.nodes for job in build.jobs])
     lon, lat = np.array([(job.task.lon_deg, job.task.lat_deg) for job in build.jobs]).T
     place, region = lonlat_to_mcmf(lon, lat), build.recipe.region
     centre = lonlat_to_mcmf(region.lon_deg, region.lat_deg)
     rank = np.where(2 * nodes >= nodes.max(), 0, 1)
+    most = len(nodes) if count == len(nodes) else np.count_nonzero(rank == 0)
     chosen: list[int] = []
     away = -np.linalg.norm(place - centre, axis=1)
-    while len(chosen) < min(count, len(nodes)):
+    while len(chosen) < min(count, most):
         free = np.setdiff1d(np.arange(len(nodes)), chosen)
         free = free[rank[free] == rank[free].min()]
         chosen.append(int(free[np.argmax(away[free])]))

@@ -44,6 +44,16 @@ def keeps_enough(row: Row) -> bool:
     return ratio is not None and float(ratio) >= LEAST_USABLE
 
 
+def saves(row: Row, noise: float) -> bool:
+    """True if an alternative takes less time than the configuration: in every pair of runs, where it was measured again for that
+    (``pairs``; 0: there was no time), or else by more than the noise of single runs.
+    """
+    pairs = row.get("pairs")
+    if pairs is None:
+        return bool(row["seconds_relative"] < 1.0 - noise)
+    return pairs > 0 and bool(row["seconds_interval"][1] < 1.0 - SAVING)
+
+
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     """Set the times of rows as shares of the configuration's, the first of them, for all areas of a build: its processor time is
     the median of runs between those of the others, each of as many areas; their range gives the interval.
@@ -70,7 +80,7 @@ def proposal(
     """The settings to take together, at most one of an approximation: those that save most time for their error until the
     build takes ``budget_s`` of processor time, or as long as their errors are within ``error``; where it takes less, finer
     ones as long as it does, those first that change most for their time. Times multiply and errors add. A difference
-    below that of runs of the configuration itself is none.
+    below that of runs of the configuration itself is none (`saves`).
     """
     noise = max(SAVING, usual["seconds_interval"][1] - usual["seconds_interval"][0])
     some = [
@@ -85,7 +95,8 @@ def proposal(
         return _finer_ones(some, factor, noise)
     taken: dict[str, Setting] = {}
     time_, wrong = 1.0, 0.0
-    some = [(s, t, e) for s, t, e in some if t < 1.0 - noise]
+    saving = [setting for setting, row in rows if saves(row, noise)]
+    some = [one for one in some if one[0] in saving]
     some.sort(key=lambda one: (one[2] + 1e-9) / abs(math.log(one[1])))
     for setting, relative, share in some:
         if setting.knob in taken:

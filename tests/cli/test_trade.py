@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from helpers.commands import refusal
 from lcp_cli.main import run
 
-from lcp_catalog.tradeoff import confirmation, measurement, proposal
+from lcp_catalog.tradeoff import confirmation, measurement, proposal, report
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -101,8 +102,23 @@ def test_it_writes_table_page_and_data(
     assert compared["own_process"] is True
     assert told.out == (folder / "trade.md").read_text()
     assert f"1 of {compared['areas_of']} areas" in told.err
+    assert "of which the build has" not in told.err
     assert (folder / "trade.html").read_text().startswith("<!DOCTYPE html>")
     assert sorted(p.name for p in folder.iterdir()) == ["trade.html", "trade.json", "trade.md"]
+
+
+def test_more_areas_than_there_are_are_said(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a line beside those that were taken."""
+    document = {"areas": 2, "areas_of": 2}
+    found = SimpleNamespace(compared=document, tiers=[], rows=[])
+    monkeypatch.setattr(report, "trade", lambda *_, **given: found)
+    monkeypatch.setattr(report, "markdown", lambda _: "")
+    for areas, said in (("3", True), ("2", False), ("all", False)):
+        flags = ["--config", config, "--areas", areas]
+        assert run(["trade", DEM, "-o", str(tmp_path / "t"), *flags]) == 0
+        assert ("--areas 3, of which the build has 2\n" in capsys.readouterr().err) == said
 
 
 def test_what_is_there_is_kept(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from helpers.trades import CONFIG
+from helpers.trades import CONFIG, cratered_dem
 
 from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.errors import ConfigError
+from lcp_catalog.production.area_job import run_area
+from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import (
     confirmation,
     knobs,
@@ -148,6 +153,10 @@ def test_what_together_keeps_too_little_is_taken_back(monkeypatch: pytest.Monkey
     ]
 
     class Told:
+        def again(self, some: list[tuple[Setting, dict[str, Any]]], usual: dict[str, Any]) -> None:
+            for _, row in some:
+                row["pairs"] = 2
+
         def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
             both = len(best.values) == 2
             return told | ({"usable_ratio": 0.9} if both else {})
@@ -161,6 +170,69 @@ def test_what_together_keeps_too_little_is_taken_back(monkeypatch: pytest.Monkey
     for worth in (0.9, None):  # too little, or not known, as that of two passes
         rows[1][1]["usable_ratio"] = worth
         assert confirmation._best(Told(), rows, usual, Budget(error=0.05))[0].value == "a: 1"
+
+
+def test_a_saving_that_is_not_found_again_is_not_taken() -> None:
+    """Of three that one run said to save time the second does not in every pair of runs, and for the third there was no time."""
+    rows = [
+        (Setting(knob, "1", {}, True), _row(0.7, 0.01) | {"knob": knob, "value": "1"})
+        for knob in "abc"
+    ]
+    found = {"a": (2, 0.8, 0.9), "b": (2, 0.6, 1.02), "c": (0, 0.7, 0.7)}
+
+    class Again:
+        calls = 0
+
+        def again(self, some: list[tuple[Setting, dict[str, Any]]], usual: dict[str, Any]) -> None:
+            self.calls += 1
+            for setting, row in some:
+                pairs, *interval = found[setting.knob]
+                row |= {"pairs": pairs, "seconds_interval": interval}
+
+        def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
+            return told
+
+    usual, again = _row(1.0, 0.0) | {"seconds": 1.0}, Again()
+    best, row = confirmation._best(again, rows, usual, Budget(error=0.05))
+    assert best.value == "a: 1"
+    assert (row["unconfirmed"], again.calls) == (["b: 1", "c: 1"], 1)
+    slower = {"seconds_relative": 1.0}  # together, on more areas
+    again.row = lambda best, told: told | (slower if best.values is not None and best.value else {})
+    best, row = confirmation._best(again, rows, usual, Budget(error=0.05))
+    assert best.value == ""
+
+
+def test_a_saving_is_measured_beside_the_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Twice for each, area by area, by processor times that are given: 0.5 and 0.6 s for an alternative where the configuration
+    takes 1 s.
+    """
+    build = Build.plan((cratered_dem(tmp_path),), CONFIG)
+    sample = knobs.Sample(build, build.recipe.config, build.jobs[:2])
+    confirm = confirmation.Confirmation(sample, 2, 0, math.inf, 0.0)
+    settings = [Setting(str(k), "1", {"points.rivals": 60 + k}, True) for k in range(2)]
+    asked: list[int] = []
+
+    def runs(jobs: Any, usual: Any, areas: int) -> list[knobs._Run]:
+        rivals = jobs[0].recipe.config.points.rivals
+        asked.append(rivals)
+        spent = {60: 0.5, 61: 0.6}.get(rivals, 1.0) * jobs[0].work
+        return [knobs._Run(spent, 1.0, finished.candidates, None, np.empty(0))]
+
+    finished = run_area(build.jobs[0])
+    monkeypatch.setattr(knobs, "_runs", runs)
+    some = [(setting, _row(0.4, 0.01)) for setting in settings]
+    confirm.again(some, _row(1.0, 0.0) | {"seconds": 1.0})
+    own = build.recipe.config.points.rivals
+    assert asked == 2 * [own, 60, 60, own, own, 61, 61, own]
+    for (_, row), expected in zip(some, (0.5, 0.6), strict=True):
+        assert row["pairs"] == 2
+        assert row["seconds_interval"] == pytest.approx([expected, expected])
+        assert row["build_seconds"] == pytest.approx(2.0 + 98.0 * expected)
+    late = [(settings[0], _row(0.4, 0.01))]
+    dataclasses.replace(confirm, until=0.0).again(late, _row(1.0, 0.0))
+    assert late[0][1]["pairs"] == 0
 
 
 def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
