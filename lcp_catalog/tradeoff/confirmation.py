@@ -117,8 +117,8 @@ BASELINE_EVERY = 10
 """Alternatives between two runs of the configuration itself."""
 
 PAIRS, _PAIRED = 2, 3
-"""Runs of an alternative that an answer takes, each beside one of the configuration: all must save time; and the number of such
-alternatives for which time is kept.
+"""Runs, at most, of an alternative that an answer takes, each beside one of the configuration: all must save time; and the
+number of such alternatives for which time is kept.
 """
 
 _START_S = 5.0
@@ -194,17 +194,19 @@ class Confirmation:
 
     def again(self, some: Sequence[tuple[Setting, dict[str, Any]]], usual: dict[str, Any]) -> None:
         """Measure settings `PAIRS` times more, each beside the configuration area by area, and set the times of their rows by that;
-        of those for which there is no time ``pairs`` is 0.
+        once where there is no time for more, and of those for which there is none ``pairs`` is 0.
         """
         fit: list[tuple[Setting, dict[str, Any]]] = []
         wanted: list[Setting] = []
-        count = 0.0
+        areas, count = 0.5 * len(self.sample.jobs), 0.0
+        every = sum(areas * (1.0 + row["seconds_relative"]) for _, row in some)
+        turns = PAIRS if self.fits(PAIRS * every, 1.0) else 1
         for setting, row in some:
-            count += PAIRS * len(self.sample.jobs) * 0.5 * (1.0 + row["seconds_relative"])
-            row["pairs"] = PAIRS if self.fits(count, 1.0) else 0
+            count += turns * areas * (1.0 + row["seconds_relative"])
+            row["pairs"] = turns if self.fits(count, 1.0) else 0
             if not row["pairs"]:
                 continue
-            for pair in range(PAIRS):
+            for pair in range(turns):
                 name = f"{len(fit)} {pair}"
                 both = [Setting("", "", {}, configured=name), replace(setting, configured=name)]
                 wanted += both[:: 1 - 2 * (pair % 2)]  # what comes first comes last then
@@ -217,8 +219,8 @@ class Confirmation:
         }
         own_s = usual["build_seconds"] - usual["build_start_seconds"]
         for k, (_, row) in enumerate(fit):
-            pairs = [areas_s[f"{k} {n}", False] / areas_s[f"{k} {n}", True] for n in range(PAIRS)]
-            mean = sum(pairs) / PAIRS
+            pairs = [areas_s[f"{k} {n}", False] / areas_s[f"{k} {n}", True] for n in range(turns)]
+            mean = sum(pairs) / turns
             row |= {
                 "seconds": usual["seconds"] * mean,
                 "seconds_relative": mean,

@@ -21,7 +21,7 @@ KNOBS_HEADING = "Every approximation"
 
 KNOBS_EXPLAINED = (
     "One alternative at a time around the configuration, computed on the same areas; time is processor time, by the work of all areas of the build, over the median of runs of the "
-    "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference; of what a budget may take, of two more runs beside it. Candidates within "
+    "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference; of what a budget may take, of up to two more runs beside it. Candidates within "
     f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
     "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
@@ -106,8 +106,8 @@ def best_said(trade: Trade) -> list[str]:
         ]
     if best["unconfirmed"]:
         said += [
-            f"Not taken, since {PAIRS} more runs, each beside one of your configuration, did not all save time, or there was no time for "
-            f"them: {'; '.join(best['unconfirmed'])}."
+            f"Not taken, since up to {PAIRS} more runs, each beside one of your configuration, did not all save time, or there was no time for "
+            f"one: {'; '.join(best['unconfirmed'])}."
         ]
     if not best["value"]:
         why = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -230,6 +231,11 @@ def test_a_saving_is_measured_beside_the_configuration(
         assert row["pairs"] == 2
         assert row["seconds_interval"] == pytest.approx([expected, expected])
         assert row["build_seconds"] == pytest.approx(2.0 + 98.0 * expected)
+    # for one pair alone: 2 areas by 1 + 0.4 of the time of one
+    asked.clear()
+    once = dataclasses.replace(confirm, until=time.monotonic() + 100.0, area_s=30.0)
+    once.again(some[:1], _row(1.0, 0.0) | {"seconds": 1.0})
+    assert (asked, some[0][1]["pairs"]) == (2 * [own, 60], 1)
     late = [(settings[0], _row(0.4, 0.01))]
     dataclasses.replace(confirm, until=0.0).again(late, _row(1.0, 0.0))
     assert late[0][1]["pairs"] == 0
