@@ -246,7 +246,7 @@ class Confirmation:
 
     def _of(self, best: Setting, count: int) -> dict[str, Any]:
         build, own = self.sample.build, Setting("", "as configured", {})
-        jobs = [build.jobs[i] for i in spread(build, count)]
+        jobs = [build.jobs[i] for i in spread(build, min(count, len(build.jobs)))]
         sample = Sample(build, self.sample.config, jobs, self.sample.starts)
         measured = Measurement(sample, self.workers, math.inf, in_turn=True)
         found = {one.knob: outcome for one, outcome in measured.outcomes([own, best])}
