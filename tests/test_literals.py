@@ -31,6 +31,7 @@ LISTED: dict[str, str] = {
         landmarks.ground_votes 10
         landmarks.located 10 100
         landmarks.patches 12
+        landmarks.point_spread 12
         light.environment_map 0.5
         light.sources 0.0002054 0.0002054 0.00106 0.00106 0.4 10
         terrain.occlusion 32

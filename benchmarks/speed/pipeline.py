@@ -364,10 +364,11 @@ class Pipeline:
         lit: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Probabilities (n, 2) and sigma_major (n,) in the image of a scale."""
-        rows, cols, half = place
+        rows, cols, half = place[0], place[1], place[2] - 1  # no template has the outer nodes
         shown = blurred(sources[0], scale)
         seen = windows(shown, rows, cols, half)
-        alone = seen + np.stack([blurred(part, scale) if part.any() else part for part in change])
+        changed = np.stack([blurred(part, scale) if part.any() else part for part in change])
+        alone = seen + changed[:, 1:-1, 1:-1]
         bright = alone > 0.0
         count = bright.sum(axis=(1, 2))
         level = np.where(bright, alone, 0.0).sum(axis=(1, 2)) / np.maximum(count, 1)

@@ -19,8 +19,10 @@ from scipy.special import ndtr
 RIVALS, EXCLUSION = 64, 2.0
 LEAST_CORRELATION = 0.3
 LEAST_VARIANCE = 1e-12
-CLEAR_BY = 0.8416212335729143
-"""Joint sigmas by which the true place must be higher, so that a mistake is less probable than 0.2."""
+CLEAR_BY = 0.2 * 0.8416212335729143
+"""Joint sigmas by which the true place must be higher: a fifth of those with which a mistake is less probable than 0.2."""
+BORDER_PX = 1.8993
+"""How much narrower than its patch a template is."""
 STEPS = np.linspace(-5.0, 5.0, 61)
 QUADRATURE, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
@@ -145,7 +147,7 @@ class Match:
     covariance: np.ndarray
     slope_noise: np.ndarray
     bias: np.ndarray
-    nodes: int
+    nodes: float
 
 
 def registered(
@@ -199,14 +201,14 @@ def registered(
         covariance=covariance,
         slope_noise=products[:, :2, :2] / safe[:, None, None],
         bias=np.where(good[:, None], moved[..., 0], 0.0),
-        nodes=p * p,
+        nodes=(p + 1.0 - BORDER_PX) ** 2,
     )
 
 
 # -- detection
 
 
-def expected(contrast: Any, rho: Any, noise: Any, along: Any, nodes: int) -> tuple[Any, Any]:
+def expected(contrast: Any, rho: Any, noise: Any, along: Any, nodes: float) -> tuple[Any, Any]:
     """Mean and variance of a correlation in noise."""
     total = np.square(contrast) + noise
     mean = rho * contrast / np.sqrt(np.where(total > 0.0, total, 1.0))

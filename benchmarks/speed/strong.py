@@ -217,7 +217,7 @@ def probabilities(
 
 @njit(fastmath=True)
 def _moments(
-    contrast: float, rho: float, noise: float, along: float, nodes: int
+    contrast: float, rho: float, noise: float, along: float, nodes: float
 ) -> tuple[float, float]:
     total = contrast * contrast + noise
     mean = rho * contrast / math.sqrt(total) if total > 0.0 else 0.0
@@ -228,7 +228,7 @@ def _moments(
 
 @njit
 def _probabilities(
-    contrast: Any, noise: Any, along: Any, rho: Any, nodes: int, rivals: Any, rival_contrast: Any, louder: Any,
+    contrast: Any, noise: Any, along: Any, rho: Any, nodes: float, rivals: Any, rival_contrast: Any, louder: Any,
     weights: Any, steps: Any, out: Any,
 ) -> None:  # fmt: skip
     density = np.exp(-0.5 * steps**2)

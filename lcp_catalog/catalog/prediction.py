@@ -15,7 +15,7 @@ from ..arrays import Array, Index, Mask
 from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from ..geometry.frames import direction_enu
-from ..landmarks.point_spread import sharper_sigma
+from ..landmarks.point_spread import border_px, sharper_sigma
 from ..landmarks.relief_signal import log_signal, peak_height, probability_at
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, PACKED, UNOCCLUDED, UNSHADOWED, reaches
@@ -112,7 +112,8 @@ def predict(
     """Claims of the points ``rows`` (n,) under directions to the Sun and to the camera, (n, 3) unit
     vectors in each point's own east-north-up frame, for pixels of ``pixel_m`` (n,) on the ground
     and a camera at ``altitude_km`` (n,) or () above the points. ``factor`` (n,) or (): how many times
-    the image is reduced for the search, which makes sigmas smaller (`landmarks.point_spread.sharper_sigma`).
+    the image is reduced for the search, which makes sigmas smaller
+    (`landmarks.point_spread.sharper_sigma`) and templates larger (`border_px`).
 
     Weights are linear in the Sun's elevation and azimuth, in the logarithm of pixel over cell, and
     barycentric between views in the azimuthal equidistant plane. Where a catalogue has views at
@@ -148,8 +149,9 @@ def predict(
     found = _none(len(rows))
     if len(inside):
         signal = _log_signal(catalog, sun[inside], view[inside])
+        reduced = np.broadcast_to(factor, len(rows))[inside]
         for name, values in vars(
-            _interpolated(catalog, rows[inside], axes, inside, signal)
+            _interpolated(catalog, rows[inside], axes, inside, signal, reduced)
         ).items():
             getattr(found, name)[inside] = values
     sharper = sharper_sigma(factor)
@@ -199,10 +201,16 @@ def _none(count: int) -> Prediction:
 
 
 def _interpolated(
-    catalog: Catalog, rows: Index, axes: tuple[_Weights, ...], which: Index, signal: Array
+    catalog: Catalog,
+    rows: Index,
+    axes: tuple[_Weights, ...],
+    which: Index,
+    signal: Array,
+    factor: Index,
 ) -> Prediction:
     """Weighted means over all combinations of the neighbours along the axes, of which ``which`` (n,)
-    are those of the points ``rows`` (n,); ``signal`` (n,): how clearly relief shows there.
+    are those of the points ``rows`` (n,); ``signal`` (n,): how clearly relief shows there; ``factor`` (n,): of the
+    images' reduction.
     """
     index, weight = _combined(tuple(axis.some(which) for axis in axes))
     flags = catalog.at("condition", rows, index[1:])
@@ -215,7 +223,7 @@ def _interpolated(
     gain = signal[:, None] - _grid_signal(
         catalog, index
     )  # sigmas fall as relief shows more clearly
-    mean_logit = _mean_logit(probability, weight, gain)
+    mean_logit = _mean_logit(probability, weight, gain + _log_wider(catalog, index[0], factor))
     free = UNSHADOWED | UNOCCLUDED
     clear, unshadowed, unoccluded = (
         np.where((flags & wanted) == wanted, weight, 0.0).sum(axis=1)
@@ -268,6 +276,15 @@ def _grid_signal(catalog: Catalog, index: list[Index]) -> Array:
     views = direction_enu(catalog.view_azimuth, 90.0 - catalog.view_off_nadir)
     table = _log_signal(catalog, suns, views[:, None, None])
     return np.asarray(table[at_view, at_elevation, at_azimuth])
+
+
+def _log_wider(catalog: Catalog, scale: Index, factor: Index) -> Array:
+    """Logarithm (n, m) of the side of a template in an image that is reduced ``factor`` (n,) times, over that in which it
+    was evaluated, of scales with given indices (n, m): heights of peaks grow with the root of the number of pixels.
+    """
+    width_px = ((catalog.patch_nodes - 1) / np.asarray(catalog.image_scale, np.float64))[scale]
+    here, there = (np.maximum(width_px - b, 1.0) for b in (border_px(factor)[:, None], border_px()))
+    return np.asarray(np.log(here / there))
 
 
 def _mean(values: Array, weight: Array) -> Array:

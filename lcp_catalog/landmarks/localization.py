@@ -44,6 +44,7 @@ class Registration:
     difference between patch and image, as by shadows that terrain outside a patch casts into it, to
     first order (-F^-1 B e, restricted to the shift, for the difference e); infinite where the patch is
     not located. ``own`` (n,): noise-free correlation of the patch with the image at its place.
+    ``pixels`` (n,): N, that a search compares.
     """
 
     contrast: Array
@@ -54,7 +55,7 @@ class Registration:
     slope_noise: Array
     bias: Array
     own: Array
-    nodes: int
+    pixels: Array
     spread: float = 0.0
 
     def rows(self, some: Index) -> Registration:
@@ -73,9 +74,11 @@ def registration(
     model: ErrorModel,
     pixel_m: float,
     level: AnyArray | float = 1.0,
+    pixels: Array | None = None,
 ) -> Registration:
     """Statistics of patches (n, p, p) with their sources of error, which are divided by ``level``
-    (n,), the mean signal; the patches are complete.
+    (n,), the mean signal; the patches are complete. ``pixels`` (n,):
+    that a search for them compares; None: all nodes.
 
     The covariance is that of least squares on shift, gain and offset with unweighted pixels in
     correlated noise: with B = [dx, dy, 1, t], F = B B^T and S = B C B^T it is F^-1 S F^-1,
@@ -108,7 +111,7 @@ def registration(
         along=along,
         shift_loss=shift_loss,
         covariance_px2=_symmetric(found[:, 4:7]) * math.exp(2.0 * model.spread**2),
-        nodes=p * p,
+        pixels=np.full(len(whole), float(p * p)) if pixels is None else pixels,
         spread=model.spread,
         slope_noise=_symmetric(found[:, 7:10]),
         bias=found[:, 10:12],

@@ -26,10 +26,10 @@ EXCLUSION_PX = 2.0
 _FLAT = 1e-3
 """A patch whose contrast is not above this share of the whole image's has no contrast."""
 
-_COARSE_HALF_MIN = 8
-"""Least half width of patches that are searched at half resolution first: 17 x 17 nodes become 8 x 8
-pixels. On cells of 118 m the probability of such patches differs from that of the search at full
-resolution by 0.019 (rms), of 33 x 33 nodes by 0.012 (`benchmarks/speed/build.py`)."""
+_COARSE_HALF_MIN = 7
+"""Least half width of patches that are searched at half resolution first: 15 x 15 nodes, of 17 x 17 without their
+border, become 7 x 7 pixels. On cells of 118 m the probability of 17 x 17 nodes differed from that of the search at
+full resolution by 0.019 (rms), of 33 x 33 by 0.012 (`benchmarks/speed/build.py`)."""
 
 _COARSE_REACH_MIN = 12
 """Smaller search areas are searched at full resolution, which then costs about the same."""

@@ -29,12 +29,12 @@ from ..landmarks.detection import (
     mistake_probability,
 )
 from ..landmarks.patches import halved
-from ..landmarks.point_spread import POINT_SPREAD_PX, reduced_spread_px
+from ..landmarks.point_spread import LEAST_COVER, POINT_SPREAD_PX, reduced_spread_px
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
 from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, points_in_view
-from .templates import LEAST_COVER, PlacedPatches, Templates, render_patches
+from .templates import PlacedPatches, Templates, render_patches
 
 _FILL_PX = 33
 """Width of the first window whose mean of valid pixels fills missing ones."""

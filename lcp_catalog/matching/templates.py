@@ -34,7 +34,7 @@ from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import nodes_mcmf
 from ..kernels.matching import draw_patch, point_spread
-from ..landmarks.point_spread import POINT_SPREAD_PX, reduced_spread_px
+from ..landmarks.point_spread import LEAST_COVER, POINT_SPREAD_PX, reduced_spread_px
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .point_choice import directions_to_sun
@@ -115,9 +115,6 @@ def _evaluated(factors: Array, step: Array, height: Array) -> Array:
         out += level * (height**c)[..., None]
     return out
 
-
-LEAST_COVER = 0.95
-"""Least share of a pixel's point spread that falls on the patch, for the pixel to count."""
 
 _SAMPLES_A_NODE = 2.0
 _SUB = (3, 8)

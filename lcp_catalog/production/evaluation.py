@@ -24,6 +24,7 @@ from ..geometry.ellipses import error_ellipses
 from ..landmarks.corners import MissingNodes, Part
 from ..landmarks.detection import (
     LEAST_CORRELATION,
+    SEEN,
     SPREAD_NODES,
     clearance,
     detection_probability,
@@ -35,7 +36,12 @@ from ..landmarks.detection import (
 from ..landmarks.error_model import ErrorModel, PatchErrors
 from ..landmarks.localization import Registration, harris_response, light_of, registration
 from ..landmarks.patches import halved, halved_changes, patches_of, through_optics
-from ..landmarks.point_spread import POINT_SPREAD_PX
+from ..landmarks.point_spread import (
+    BORDER_NODES,
+    POINT_SPREAD_PX,
+    template_pixels,
+    within_border,
+)
 from ..landmarks.uniqueness import RING, RIVALS, SearchImages, other_places, searched_exactly
 from .config import BuildConfig
 from .patch_light import PatchLight
@@ -96,19 +102,24 @@ class PlaceErrors:
         return PlaceErrors(self.models, self.which[some])
 
     def registration(
-        self, patches: AnyArray, errors: PatchErrors, pixel_m: float, level: Array
+        self, patches: AnyArray, errors: PatchErrors, pixel_m: float, level: Array, pixels: Array
     ) -> Registration:
         """`landmarks.localization.registration` of the candidates' patches (n, p, p), each with its
         own model.
         """
         if len(self.models) == 1:
-            return registration(patches, errors, self.models[0], pixel_m, level)
+            return registration(patches, errors, self.models[0], pixel_m, level, pixels)
         used = np.unique(self.which)
         parts = []
         for number in used.tolist():
             here = np.flatnonzero(self.which == number)
             own = registration(
-                patches[here], errors.rows(here), self.models[number], pixel_m, level[here]
+                patches[here],
+                errors.rows(here),
+                self.models[number],
+                pixel_m,
+                level[here],
+                pixels[here],
             )
             parts.append((here, own))
         return _joined(parts)
@@ -160,6 +171,10 @@ class Items:
     def from_corner(self, corner: tuple[int, int]) -> Items:
         """The same places counted from another first row and column."""
         return dataclasses.replace(self, rows=self.rows - corner[0], cols=self.cols - corner[1])
+
+    def within_border(self) -> Items:
+        """The same places, of patches without the nodes that no template has (`point_spread.within_border`)."""
+        return dataclasses.replace(self, half=self.half - BORDER_NODES)
 
     def halved(self) -> Items:
         """The same places in images at half the resolution."""
@@ -385,16 +400,17 @@ class _Judge:
                 change = halved_changes(change, items.rows[changed], items.cols[changed])
                 items = items.halved()
             shown = through_optics(radiance, scale, blur_px)
-            seen = items.of(shown)
+            inner = items.within_border()
+            seen = inner.of(shown)
             alone = seen
             if len(changed):
                 alone = seen.copy()
-                alone[changed] += through_optics(change, scale, blur_px)
+                alone[changed] += within_border(through_optics(change, scale, blur_px))
             _, level = light_of(alone)
             good = np.flatnonzero(np.isfinite(level))
             if len(good):
                 corner = self.part[0].start // scale, self.part[1].start // scale
-                patches = Patches(items, seen, alone, level, shown, slopes, corner)
+                patches = Patches(inner, seen, alone, level, shown, slopes, corner)
                 if len(good) < len(level):
                     patches = patches.some(good)
                 self._judge(slot, conditions, patches)
@@ -444,7 +460,9 @@ class _Judge:
         scale, items, points = self.scales[slot], patches.items, self.points
         pixel_m = scale * self.gsd_m
         models = self.errors.rows(items.candidate)
-        match = models.registration(patches.alone, patches.errors, pixel_m, patches.level)
+        up = self.light.sweep.view_directions[conditions[items.which, 0], 2]
+        pixels = template_pixels(patches.size + 2 * BORDER_NODES, up)
+        match = models.registration(patches.alone, patches.errors, pixel_m, patches.level, pixels)
         search = max(1, points.search_nodes(self.gsd_m) // scale)
         images = SearchImages.of(patches.radiance, patches.size)
         false_match = points.min_detection if scale == 1 else math.inf
@@ -499,7 +517,7 @@ class _Chances(NamedTuple):
     second_peak: Array
 
 
-_CLEARANCE = clearance()
+_CLEARANCE = SEEN * clearance()
 
 
 def _given(value: float | None, default: float) -> float:

@@ -38,6 +38,7 @@ from ..landmarks.detection import shifted
 from ..landmarks.error_model import ErrorModel, PatchErrors, local_contrast
 from ..landmarks.localization import registration
 from ..landmarks.patches import through_optics
+from ..landmarks.point_spread import within_border
 from ..photometry.laws import SLOPE_STEP, Reflectance, planes_of, radiance_of_nodes, steeper
 from .claims import Claims
 from .orthoimage import orthorectify
@@ -323,8 +324,9 @@ def _with_places(samples: Sequence[Residuals], model: ErrorModel) -> ErrorModel:
 
 def _claimed_m2(sample: Residuals, model: ErrorModel) -> Array:
     """Covariances (n, 2, 2) of the matches, m^2, as a catalogue claims them, without the error of place."""
-    shown = through_optics(sample.patches, 1)
-    match = registration(shown, replace(sample.errors, level=shown), model, sample.pixel_m)
+    shown = within_border(through_optics(sample.patches, 1))
+    east, south = (within_border(part) for part in (sample.errors.east, sample.errors.south))
+    match = registration(shown, PatchErrors(shown, east, south), model, sample.pixel_m)
     moved = model.moving(sample.contrast)[:, None, None]
     return np.asarray(moved * match.covariance_px2 * sample.pixel_m**2)
 

@@ -99,6 +99,19 @@ def test_between_suns_and_scales_against_scipy() -> None:
     np.testing.assert_allclose(found.detection_probability, want, atol=1e-8)
 
 
+@pytest.mark.parametrize(("factor", "spread_px"), [(2, 0.25), (3, 1 / 6), (8, 0.125)])
+def test_a_reduced_image_has_larger_templates(factor: int, spread_px: float) -> None:
+    """The peak is higher by the root of the number of its pixels: of a patch 8 cells wide 8 - b a side, b by the point spread."""
+    catalog = everywhere()
+    suns, view = (catalog.sun_elevation[[0, 4]], catalog.sun_azimuth[[3, 11]]), [NADIR, NADIR]
+    given = np.array([1, 1]), direction_enu(suns[1], suns[0]), np.array(view), [catalogs.GSD_M] * 2
+    found = predict(catalog, *given, factor=factor).detection_probability
+    side, usual = (8 - 2 * 1.644854 * np.sqrt(s**2 + 1 / 12) for s in (spread_px, 0.5))
+    plain = np.clip(catalog.detection_probability[1, 0, 0, [0, 4], [3, 11]], 0.002, 0.998)
+    np.testing.assert_allclose(found, chance(height(plain) * side / usual), atol=1e-6)
+    assert (found > plain).all()
+
+
 def _of_matrix(function: Any, matrix: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(matrix)
     return (vectors * function(values)) @ vectors.T

@@ -156,7 +156,7 @@ def _correlations(one: Array, other: Array) -> Array:
 
 
 def correlation_moments(
-    contrast: Array, rho: Array, noise_variance: Array, along: Array, nodes: int
+    contrast: Array, rho: Array, noise_variance: Array, along: Array, nodes: Array
 ) -> tuple[Array, Array]:
     """Mean and variance of the correlation with a window of a contrast and a noise-free correlation; arrays that broadcast."""
     total = np.square(contrast) + noise_variance
@@ -171,10 +171,10 @@ def top_probability(
     """That the correlation at the true place is above that at the strongest of the places around it, (n,)."""
     noise, along = match.noise_variance[:, None], match.along[:, None]
     mean, variance = correlation_moments(
-        match.contrast[:, None], own[:, None], noise, along, match.nodes
+        match.contrast[:, None], own[:, None], noise, along, match.pixels[:, None]
     )
-    there, spread = correlation_moments(contrast, around, noise, along, match.nodes)
-    power = match.nodes * (match.contrast**2 + match.noise_variance)
+    there, spread = correlation_moments(contrast, around, noise, along, match.pixels[:, None])
+    power = match.pixels * (match.contrast**2 + match.noise_variance)
     apart = np.einsum("ka,nab,kb->nk", offsets, match.slope_noise, offsets) / power[:, None]
     apart = np.maximum(np.minimum(apart, variance + spread), 1e-12)
     return np.asarray(ndtr(np.nanmin((mean - there) / np.sqrt(apart), axis=1)))

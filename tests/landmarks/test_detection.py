@@ -39,7 +39,7 @@ def case(contrast=0.1, noise=0.1, gain=1.0, spread=0.0, loss=0.0, n=1) -> Regist
         slope_noise=np.zeros((n, 2, 2)),
         bias=np.zeros((n, 2)),
         own=whole,
-        nodes=NODES,
+        pixels=np.full(n, float(NODES)),
         spread=spread,
     )
 
@@ -49,7 +49,7 @@ def moments(match: Registration, rho, contrast, factor=1.0):
     noise, along = (float(a[0]) * factor**2 for a in (match.noise_variance, match.along))
     total = np.asarray(contrast) ** 2 + noise
     mean = np.asarray(rho) * np.asarray(contrast) / np.sqrt(total)
-    return mean, np.sqrt(along / match.nodes * (1.0 - mean**2) / total)
+    return mean, np.sqrt(along / match.pixels[0] * (1.0 - mean**2) / total)
 
 
 def drawn(match, rho, contrast, self_correlation, least, count=200_000):
@@ -61,7 +61,7 @@ def drawn(match, rho, contrast, self_correlation, least, count=200_000):
     def scores(r, c):
         total = c**2 + noise
         mean = r * c / np.sqrt(total)
-        return mean + np.sqrt(along / match.nodes * (1.0 - mean**2) / total) * rng.normal(
+        return mean + np.sqrt(along / match.pixels[0] * (1.0 - mean**2) / total) * rng.normal(
             size=count
         )
 

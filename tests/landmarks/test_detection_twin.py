@@ -116,7 +116,7 @@ def test_a_search_that_refuses_ambiguous_places():
     (own, others), (own_rho, others_rho) = given
     size = np.append(own, others) ** 2 + match.noise_variance[0]
     mean = np.append(own_rho, others_rho) * np.append(own, others) / np.sqrt(size)
-    variance = match.along[0] / match.nodes / size * (1.0 - mean**2)
+    variance = match.along[0] / match.pixels / size * (1.0 - mean**2)
     draws = mean + np.sqrt(variance) * dice.normal(size=(200_000, 4))
     needed = draws[:, 1:] + 0.8416 * np.sqrt(variance[0] + variance[1:])
     share = np.mean((draws[:, :1] > needed).all(axis=1) & (draws[:, 0] > 0.3))

@@ -15,6 +15,7 @@ from lcp_catalog.cameras.sensor import FullSensor, Reduced
 from lcp_catalog.catalog.patch_terrain import nodes_mcmf
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import draw_patch, point_spread, subpixel_fit
+from lcp_catalog.landmarks.point_spread import BORDER_NODES, border_px, template_pixels
 from lcp_catalog.matching.templates import TOLERANCE_PX, node_pixels, render_patches
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, photometry, reflectance_model
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -201,6 +202,32 @@ def test_covers_the_pixels_that_the_patch_covers():
     assert (rows.min() + template.origin[0, 1], rows.max() + template.origin[0, 1]) == (261, 300)
     assert template.mask[0].sum() == 1600
     np.testing.assert_allclose(template.predicted_px[0], (300.5, 280.5), atol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 3, 8])
+def test_a_template_has_the_pixels_that_a_claim_counts(factor):
+    """Of a patch W pixels wide W - b by W cos e - b, seen from many sides and in pixels of 1 to 4 cells; what a claim evaluates
+    for each scale is as near to that as whole nodes are.
+    """
+    frame, dice = EnuFrame(30.0, 10.0), np.random.default_rng(factor)
+    catalog = catalog_of_patches(0.0 * hill()[None], [frame], GSD_M)
+    sun, border = frame.direction_to_mcmf(direction_enu(90, 30))[None], border_px(factor)
+    for cells in (1.0, 1.4, 2.0, 2.8, 4.0):
+        shares = []
+        for off in np.tile([0.0, 20.0, 40.0], 20):
+            focal = 2e6 * factor / (cells * GSD_M)
+            middle = 2000.0 * np.ones(2) + dice.uniform(-factor, factor, 2)
+            angles = off, dice.uniform(0, 360), dice.uniform(0, 360)
+            camera = looking_at(frame, 2e6, *angles, focal, (4000, 4000), tuple(middle))
+            mask = render_patches(catalog, [0], Reduced(camera, factor), sun).mask
+            wide = 32.0 / cells
+            counted = (wide - border) * (wide * np.cos(np.radians(off)) - border)
+            shares.append(mask.sum() / counted)
+        assert np.mean(shares) == pytest.approx(1.0, abs=0.04), cells
+    for nodes in (9, 17, 33, 65):
+        wanted = float(template_pixels(nodes, np.ones(1))[0])
+        nearest = min(range(nodes % 2, nodes + 1, 2), key=lambda side: abs(side**2 - wanted))
+        assert nodes - 2 * BORDER_NODES == nearest
 
 
 def test_north_is_up_and_the_sun_comes_from_its_side():

@@ -278,6 +278,46 @@ def test_what_the_views_of_a_sun_share_is_computed_once_and_is_the_same_image_by
     assert (together.occlusion_dependence[:, 1:] > 0.0).any()
 
 
+def test_a_claim_compares_what_a_template_shows(monkeypatch):
+    """At each scale the image's window without its outermost nodes, V over W - 1.9 by W cos e - 1.9 pixels for W cells, and
+    0.2 of the clearance at which a search without a prior refuses a place that is right with a probability of 0.8.
+    """
+    sweep, seen = swept(ground(3)), []
+    real = evaluation.detection_probability
+
+    def noted(match, *args, **how):
+        seen.append((match.pixels, how["clear_by"]))
+        return real(match, *args, **how)
+
+    shown = evaluation.other_places
+
+    def places(images, patches, rows, cols, *args, **how):
+        half = patches.shape[1] // 2
+        for k in range(len(rows)):
+            own = np.s_[rows[k] - half : rows[k] + half + 1, cols[k] - half : cols[k] + half + 1]
+            sides.add(patches.shape[1])
+            windows.append(np.abs(patches[k] - images.images[args[1][k]][own]).std())
+        return shown(images, patches, rows, cols, *args, **how)
+
+    sides, windows = set(), []
+    monkeypatch.setattr(evaluation, "detection_probability", noted)
+    monkeypatch.setattr(evaluation, "other_places", places)
+    evaluate(sweep, np.array([36]), np.array([36]), CONFIG, ERRORS)
+    assert sides == {15, 7}
+    assert np.median(windows) < 1e-6  # the images of a search have no mean
+    border_px = 2 * 1.644854 * math.sqrt(0.5**2 + 1 / 12)
+    wanted = [
+        (wide - border_px) * (wide * math.cos(math.radians(off)) - border_px)
+        for wide in (16, 8)
+        for off in CONFIG.view.off_nadir_deg
+    ]
+    counts = np.concatenate([pixels for pixels, _ in seen])
+    away = np.abs(counts[:, None] - wanted)
+    assert (away.min(axis=1) < 1e-3).all()
+    assert set(away.argmin(axis=1)) == {0, 1, 2, 3}
+    assert {round(clear_by, 6) for _, clear_by in seen} == {round(0.2 * 0.8416212, 6)}
+
+
 def test_flat_and_dark_patches_are_found_nowhere():
     """A plain, and a patch in the shadow of a wall."""
     plain = judged(np.zeros((81, 81)))

@@ -164,11 +164,15 @@ def test_the_spread_of_the_noise_is_not_an_error_of_places() -> None:
 
 def displaced(sample: Residuals, place_m: float, model: ErrorModel = STATED) -> Residuals:
     """Residuals with places as the matches' covariances and another error scatter them: those of patches through the
-    optics, and of the part of the noise that displaces a match.
+    optics without their border, and of the part of the noise that displaces a match.
     """
     dice = np.random.default_rng(7)
-    seen = through_optics(sample.patches, 1)
-    match = registration(seen, replace(sample.errors, level=seen), model, PIXEL_M)
+    inner = np.s_[:, 1:-1, 1:-1]
+    seen, slopes = (
+        through_optics(sample.patches, 1)[inner],
+        (sample.errors.east, sample.errors.south),
+    )
+    match = registration(seen, PatchErrors(seen, *(s[inner] for s in slopes)), model, PIXEL_M)
     contrast = np.minimum(np.maximum(sample.contrast, 0.03), 0.15) / 0.06
     moved = model.moving_share * contrast ** (2.0 * model.contrast_power) * PIXEL_M**2
     covariance = moved[:, None, None] * match.covariance_px2 + place_m**2 * np.eye(2)
