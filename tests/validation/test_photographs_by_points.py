@@ -1,9 +1,10 @@
-"""The sample catalogue's usable points in the photograph: they are found as claimed, and they correlate better than
-other points and other places.
+"""The sample catalogue's usable points in the photograph: they are found as claimed, oftener than other points, and
+they correlate better than other places.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -25,7 +26,7 @@ from lcp_catalog.rendering.pipeline import prepare_terrain
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.terrain.area import Area
 from lcp_catalog.terrain.relief_bounds import nodes_enu
-from lcp_catalog.validation.claims import ClaimSearch
+from lcp_catalog.validation.claims import Claims, ClaimSearch, wilson_interval
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 DEM = SAMPLE / "hadley_gld100_256ppd.tif"
@@ -40,7 +41,12 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory: pytest.TempPathFactory) -> Catalog:
     path = tmp_path_factory.mktemp("sample") / "c.h5"
-    BuildRun(Build.plan([DEM], BuildConfig.from_toml(SAMPLE / "hadley.toml")), path, jobs=2).whole()
+    return built(path, BuildConfig.from_toml(SAMPLE / "hadley.toml"))
+
+
+def built(path: Path, config: BuildConfig) -> Catalog:
+    """A catalogue of the sample's DEM."""
+    BuildRun(Build.plan([DEM], config), path, jobs=2).whole()
     return open_catalog(path)
 
 
@@ -51,15 +57,40 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float((a * b).sum()) / power if power > 0.0 else 0.0
 
 
-def test_usable_points_are_found(catalog: Catalog) -> None:
-    """Within the search radius of the build, at their true places: at least the share that they claim, 0.9."""
+def searched(catalog: Catalog) -> Claims:
+    """The claims, and what a search within the radius of the build finds in the photograph."""
     photo = open_image(PHOTO, read_camera(CAMERA), options=ImageOptions(encoding="srgb"))
     rows = points_in_view(catalog, photo.sensor)
     law = reflectance_model("lommel-seeliger")
-    claims = ClaimSearch(catalog, photo, law, Criteria()).claims(rows, searched=True)
+    return ClaimSearch(catalog, photo, law, Criteria()).claims(rows, searched=True)
+
+
+def test_usable_points_are_found(catalog: Catalog) -> None:
+    """At their true places: at least the share that they claim, 0.9."""
+    claims = searched(catalog)
     usable = claims.tried & claims.usable
     assert usable.sum() >= 40
     assert claims.found[usable].mean() >= 0.9  # 45 of 45 when this was written
+
+
+def test_unusable_points_are_found_less_often(tmp_path: Path) -> None:
+    """Of many points, since a few of the sample's are unusable under this Sun. That they are found is asked, not how they
+    correlate at their true places, where the ambiguous ones and those in shadows of other terrain look right: of 24
+    and 10 such points 10 and 10 correlated above 0.7, and 8 and 8 were not found.
+    """
+    config = BuildConfig.from_toml(SAMPLE / "hadley.toml")
+    suns = replace(config.sun, elevations_deg=(10.0, 15.0, 20.0), azimuths_deg=(90.0, 105.0))
+    points = replace(config.points, spacing_m=3000.0)
+    claims = searched(built(tmp_path / "c.h5", replace(config, sun=suns, points=points)))
+    shares = []
+    for some in (claims.tried & claims.usable, claims.tried & claims.claimed & ~claims.usable):
+        assert some.sum() >= 50
+        shares.append(wilson_interval(int(claims.found[some].sum()), int(some.sum())))
+    (least, _), (_, most) = shares
+    assert most < least  # 0.85, 0.98 when this was written
+    probable = claims.probability[claims.tried & claims.claimed]
+    found = claims.found[claims.tried & claims.claimed]
+    assert np.mean((probable - found) ** 2) < 0.75 * found.mean() * (1.0 - found.mean())
 
 
 def test_usable_points_look_like_the_photograph(catalog: Catalog) -> None:
@@ -100,11 +131,10 @@ def test_usable_points_look_like_the_photograph(catalog: Catalog) -> None:
     elevation = list(catalog.sun_elevation).index(15.0)
     azimuths = [list(catalog.sun_azimuth).index(a) for a in (90.0, 105.0)]
     usable = (catalog.condition[:, 0, elevation][:, azimuths] == USABLE).any(axis=1)
-    works, rest = found[usable & np.isfinite(found)], found[~usable & np.isfinite(found)]
+    works = found[usable & np.isfinite(found)]
     places = np.random.default_rng(0).integers(HALF, np.array(render.shape) - HALF, (500, 2))
     anywhere = np.array([judged(r, c) for r, c in places])
     anywhere = anywhere[np.isfinite(anywhere)]
-    assert (len(works) >= 100, len(rest) >= 5, len(anywhere) >= 400) == (True,) * 3
+    assert (len(works) >= 100, len(anywhere) >= 400) == (True, True)
     assert (works > 0.7).mean() >= 0.9  # 93 % when this was written
     assert (anywhere > 0.7).mean() <= 0.88  # 86 %: what a random place gives
-    assert (rest > 0.7).mean() <= 0.4  # 17 %: what the catalogue calls unusable at this Sun
