@@ -132,12 +132,13 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
     time_ = math.prod(row["seconds_relative"] for row in rows)
     wrong = sum(row["conditions_changed_share"] for row in rows)
     told = {"knob": "together", "value": "; ".join(f"{r['knob']}: {r['value']}" for r in rows)}
-    start_s = usual["build_start_seconds"]
-    build_s = (usual["build_seconds"] - start_s) * time_ + start_s
+    start_s = max(row["build_start_seconds"] for row in rows or [usual])
+    build_s = (usual["build_seconds"] - usual["build_start_seconds"]) * time_ + start_s
     times_ = {
         "seconds": usual["seconds"] * time_,
         "seconds_relative": time_,
         "build_seconds": build_s,
+        "build_start_seconds": start_s,
     }
     own, rows = usual["points"], rows or [usual]
     lost, gained = (

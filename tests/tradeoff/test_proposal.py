@@ -249,6 +249,9 @@ def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
     )
     told = together_row(_row(1.0, 0.0) | {"seconds": 1.0}, [one, two])
     assert (told["points_lost"], told["points_gained"], told["points"]) == (28, 24, 24)
+    two["build_start_seconds"] = 5.0  # two passes start processes more often
+    late = together_row(_row(1.0, 0.0) | {"seconds": 1.0}, [one, two])
+    assert late["build_seconds"] == pytest.approx(98.0 * 0.25 + 5.0)
     assert told["usable_ratio"] == pytest.approx(0.9216)
     assert not keeps_enough(told)
     assert (told["detection_change_max"], told["detection_change_mean"]) == (0.01, None)
