@@ -302,7 +302,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "search at half resolution first",
         Figure(0.49, "", "a probability away from the limit", MEASURED),
-        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.29 in 97 points of Hadley (86f40c1, 2026-11-27), 0.32 in 281 of 120 km of the sample (7258c1d9, 2026-11-28): found, not bounded",
+        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.29 in 97 points of Hadley (86f40c1, 2026-11-27), 0.43 in 142 points, 0.80 in 486 candidates of 60 km of the sample (eff4066c, 2026-11-28): found, not bounded",
         ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
         constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._AROUND", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN", "matching.point_search._HALVED_FROM"),
         fineness=lambda c: c.model.precision.whole_search,
@@ -469,9 +469,16 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "wrong matches",
-        Figure(0.12, "", "the probability that a frame is located, where one more match is needed", MEASURED),
-        "0.05 of the points that are not found: with none 0.10, with twice as many 0.12 at most, 0.007 in the mean, over the same sets as failures in common (6bb26eca, 2026-11-28)",
+        Figure(0.17, "", "the probability that a frame is located, where one more match is needed", MEASURED),
+        "0.05 of the points that are not found: with none 0.14, with twice as many 0.17 at most, 0.018 in the mean, over 4 to 120 points in cells of 10 to 474 m (9dc850f9, 2026-11-28)",
         constants=("landmarks.located.WRONG",), unpriced="no switch: known after a flight alone", price="none: a number",
+    ),
+    Approximation(
+        "matches that agree by accident",
+        Figure(0.8, "", "the probability that a frame is located, matches of 1 in place of 0.5 pixels", MEASURED),
+        "a match of 0.5 pixels, a tolerance of 1 pixel, a camera known to 1 km decide how many points must agree. Half and twice of them: 0.8 at most where a few more are needed, 0.04 in the mean; 99 % need 18 points of 0.7 in cells of 10 m, with 1 pixel 21 (9dc850f9, 2026-11-28)",
+        constants=("landmarks.located._SIGMA_PX", "landmarks.located._TOLERANCE_PX", "landmarks.located._POSITION_M", "landmarks.located._REACH_PX"),
+        unpriced="no switch: `query` and `validate` take the camera's own uncertainty; a build does not know it", price="none: numbers",
     ),
     Approximation(
         "votes of all points",
@@ -513,6 +520,18 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "24.5 m and 530 m calibrated for GLD100 with frames; for a product without a figure the same shares of what it resolves (2.45 and 50 %). On 50 km of the sample the published 20 m change 0.39, half 0.93, twice 3.7 %, lengths of 375 and 750 m 0.14 and 0.35 % of the usable conditions (8c7b1a90, 2026-11-28); a patch's place 7.2 % of the length, 10.6 with maps of Apollo 16",
         constants=("dem.error_maps.SIGMA_PER_RESOLUTION", "dem.error_maps.LENGTH_PER_RESOLUTION", "production.error_config.PLACE_PER_LENGTH"),
         unpriced="no alternative of its own: `errors.height_sigma_m`, `errors.height_length_m` and maps replace them", price="none: numbers",
+    ),
+    Approximation(
+        "differences between image and render",
+        Figure(9.9, "%", "the conditions, `errors.albedo_sigma` 0.12 in place of 0.09", MEASURED),
+        "fitted to frames. On 60 km of the sample (145 points) 0.12 for 0.09 of `errors.albedo_sigma` changes 9.9 %, 0 for 0.25 of `errors.spread` 2.8 % of the conditions; `localization_sigma` is 1.39 times as great with 0.5 for 0.25 of `errors.moving_share`, 1.17 times with a typical contrast of 0.05 for 0.06 (eff4066c, 2026-11-28)",
+        constants=("landmarks.error_model.TYPICAL_CONTRAST",), unpriced="no alternative of its own: fields of `errors`, which `validate` fits", price="none: numbers",
+    ),
+    Approximation(
+        "mistakes that a search allows",
+        Figure(0.95, "%", "the conditions, 0.1 in place of 0.2", MEASURED),
+        "a match is ambiguous where a second peak is the true one with a probability of 0.2. On 60 km of the sample 0.1 changes 0.95, 0.4 0.79 % of the conditions, and 24 and 23 of 145 points are others (eff4066c, 2026-11-28)",
+        constants=("landmarks.detection.AMBIGUOUS",), unpriced="no switch: claims and searches must ask the same", price="none: a number",
     ),
     Approximation(
         "derivatives of an image",

@@ -113,7 +113,7 @@ def best_said(trade: Trade) -> list[str]:
         why = (
             ""
             if asked.error is None
-            else f"nothing measured saves time for certain and changes at most {share_text(asked.error)}; "
+            else f"nothing measured saves time for certain, changes at most {share_text(asked.error)} and keeps what the points are worth; "
         )
         return [*said, f"To take ({BEST}): your configuration as it is, {why}{_build_time(best)}."]
     said += [f"To take ({BEST}): {best['value']}."]

@@ -98,6 +98,7 @@ def test_the_points_that_units_cost_are_stated() -> None:
     [
         ("failures in common", "COMMON_VARIANCE", (0.08, 0.13)),
         ("wrong matches", "WRONG", (0.0, 0.1)),
+        ("matches that agree by accident", "_SIGMA_PX", (0.25, 1.0)),
     ],
 )
 def test_what_constants_of_frames_change_is_stated(
@@ -106,7 +107,10 @@ def test_what_constants_of_frames_change_is_stated(
     """Probability to be located with each end of what frames allow, over numbers of points, claims and cells."""
 
     def table() -> np.ndarray:
-        claims, chances = (0.1, 0.2, 0.3, 0.5, 0.7, 0.9), [chance_of(m) for m in (10.0, 474.0)]
+        claims, chances = (
+            (0.1, 0.2, 0.3, 0.5, 0.7, 0.9),
+            [chance_of(m) for m in (10.0, 50.0, 118.0, 474.0)],
+        )
         numbers = range(4, 121)
         return np.array(
             [[[equal_points(n, p, c) for n in numbers] for p in claims] for c in chances]
