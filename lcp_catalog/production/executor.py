@@ -99,6 +99,7 @@ def start_early() -> None:
 def stop_early() -> None:
     """End that process, whose time then counts as that of a child."""
     if are_forked():
+        # no public call ends it before this process ends, and mypy does not know the private one
         forkserver._forkserver._stop()  # type: ignore[attr-defined]
 
 

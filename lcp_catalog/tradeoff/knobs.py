@@ -404,6 +404,10 @@ class Measurement:
         self.setting_s = setting_s
         """Time of a setting as slow as the configuration."""
 
+    def _turn(self, area: int, areas: int) -> float:
+        """Where an area of a setting comes among those of all; equal where they need not take turns."""
+        return (area + 0.5) / areas if self.in_turn else 0.0
+
     def outcomes(self, wanted: Sequence[Setting]) -> Iterator[tuple[Setting, Outcome | str]]:
         """What each setting gives, or why it was not measured, in the order in which they are done."""
         with ExitStack() as stack:
@@ -427,9 +431,7 @@ class Measurement:
                     # of two passes all areas in one process, with one choice
                     passes = level.recipe.config.points.two_passes
                     queue += [(at, some) for some in ([every] if passes else [[k] for k in every])]
-                queue.sort(
-                    key=lambda one: self.in_turn and (one[1][0] + 0.5) / len(open_[one[0]][2])
-                )
+                queue.sort(key=lambda one: self._turn(one[1][0], len(open_[one[0]][2])))
                 while queue and (pool is None or len(waiting) <= self.workers):
                     at, some = queue.pop(0)
                     level, parts, runs = open_[at]
