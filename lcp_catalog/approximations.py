@@ -1,25 +1,17 @@
 """The registry of approximations: what each may change, what switches it, and how it is priced.
 
 `lcp trade` measures the rows that have a switch of the configuration; the reference lists all; a test compares
-them with the configuration, the tiers and the scene plan. The module imports nothing of the library.
+them with the configuration, the tiers and the scene plan. The alternatives that it names are in `alternatives`.
 """
 
 # ruff: noqa: E501 - cells of a table, one line each so that a row is read as a row
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-Values = dict[str, dict[str, Any]]
-"""Alternatives to a configuration: the fields that each replaces, by its name."""
-
-
-def _none(config: Any) -> Values:
-    return {}
-
+from . import alternatives
 
 EXACT, LIMIT, MEASURED, ON_SAMPLE = "exact", "limit", "measured", "sample, no bound"
 """Where the figure of an error is from: a formula or a proof; the code, which lets no more pass; the greatest of the
@@ -58,7 +50,7 @@ class Approximation:
     error: Figure
     bound: str
     switch: tuple[str, ...] = ()
-    values: Callable[[Any], Values] = _none
+    values: Callable[[Any], alternatives.Values] = alternatives.none
     unpriced: str = ""
     price: str = ""
     effects: tuple[str, ...] = ()
@@ -75,143 +67,31 @@ class Approximation:
         return {name: float(figures.partition(",")[0]) for name, _, figures in told}
 
 
-def _numbers(field: str, *factors: float) -> Callable[[Any], Values]:
-    """A number times each of the factors, as whole as it was."""
-
-    def values(config: Any) -> Values:
-        section, _, key = field.partition(".")
-        own = getattr(getattr(config, section), key)
-        found = {f: type(own)(f * own) for f in factors}
-        return {f"{value:g}": {field: value} for value in found.values() if value != own}
-
-    return values
-
-
-def _choices(field: str, *choices: Any, usual: Any = None) -> Callable[[Any], Values]:
-    """The choices that the field has not; ``usual``: its value where it is None."""
-
-    def values(config: Any) -> Values:
-        section, _, key = field.partition(".")
-        own = getattr(getattr(config, section), key) or usual
-        return {_shown(value): {field: value} for value in choices if value != own}
-
-    return values
-
-
-def _shown(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value).replace(",)", ")")
-
-
-_TIERS, _LAWS = (
-    ("draft", "standard", "high", "reference"),
-    ("lommel-seeliger", "lunar-lambert", "hapke"),
-)
-
-
-def _law(config: Any) -> float:
-    name = config.model.reflectance.partition(":")[0]
-    return _LAWS.index(name) if name in _LAWS else len(_LAWS)
-
-
-def _tiers(config: Any) -> Values:
-    own = config.model.precision.tier
-    return {tier: {"model.accuracy": tier} for tier in _TIERS if tier != own}
-
-
-def _whole_search(config: Any) -> Values:
-    other = not config.model.precision.whole_search
-    return {"full resolution" if other else "half first": {"model.whole_search": other}}
-
-
-def _views(config: Any) -> Values:
-    own = config.view
-    first = {f"view.{key}": getattr(own, key)[:1] for key in _VIEW}
-    # within reach of the outermost views, so that their claims are compared with those of views between
-    far = max(own.off_nadir_deg)
-    off = far - 15.0 if far >= 30.0 else far + 15.0
-    sides = own.azimuth_deg[1:] if len(own) > 1 else (0.0, 90.0, 180.0, 270.0)
-    ring = (off,) * len(sides), sides, own.altitude_km[:1] * len(sides)
-    more = {f"view.{k}": getattr(own, k) + r for k, r in zip(_VIEW, ring, strict=True)}
-    few = {"the first alone": first} if len(own) > 1 else {}
-    return few | {f"and {off:g} deg from {len(sides)} sides": more}
-
-
-_VIEW = "off_nadir_deg", "azimuth_deg", "altitude_km"
-
-
-def _altitudes(config: Any) -> Values:
-    own = config.view.altitude_km
-    other = 100.0 if math.isinf(max(own)) else math.inf
-    return {
-        "near, 100 km" if other == 100.0 else "parallel": {"view.altitude_km": (other,) * len(own)}
-    }
-
-
-def _azimuths(config: Any) -> Values:
-    own = config.sun.azimuths_deg
-    middles = [0.5 * (a + b) for a, b in zip(own, (*own[1:], own[0] + 360.0), strict=True)]
-    every = tuple(sorted({*own, *(m % 360.0 for m in middles)}))
-    found = {"every second azimuth": {"sun.azimuths_deg": own[::2]}} if len(own) > 3 else {}
-    return found | {"twice the azimuths": {"sun.azimuths_deg": every}}
-
-
-def _elevations(config: Any) -> Values:
-    own = config.sun.elevations_deg
-    middles = tuple(0.5 * (a + b) for a, b in itertools.pairwise(own))
-    few = (*own[:-1:2], own[-1])
-    found = {"every second elevation": few, "twice the elevations": tuple(sorted((*own, *middles)))}
-    return {name: {"sun.elevations_deg": value} for name, value in found.items() if value != own}
-
-
-def _patches(config: Any) -> Values:
-    own = config.points.patch_nodes
-    sizes = max(9, own // 2 | 1), min(257, 2 * own - 1)
-    return {str(size): {"points.patch_nodes": size} for size in sizes if size != own}
-
-
-def _searches(config: Any) -> Values:
-    cell_m, points = config.area.gsd_m, config.points
-    nodes = points.search_nodes(cell_m)
-    wanted = max(points.half, nodes // 2), 2 * nodes
-    return {f"{n} cells": {"points.search_m": n * cell_m} for n in wanted if n != nodes}
-
-
-def _directions(config: Any) -> Values:
-    found = _numbers("model.direction_tolerance_deg", 2.0, 0.5)(config)
-    deg = 0.0 if config.model.precision.own_sun_deg else 15.0
-    return found | {f"own Sun to {deg:g} deg": {"model.own_sun_deg": deg}}
-
-
-def _scales(config: Any) -> Values:
-    many = len(config.points.scales)
-    return {"1": {"points.image_scales": 1}} if many > 1 else {}
-
-
 APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "accuracy tier",
         Figure(0.5, "%", "the nodes with a wrong shadow in `draft` on lunar terrain (0.7 on white noise); 0.02 in `standard`, 0 above", MEASURED),
         "wrong shadows at no more than 0.5, 0.02, 0 and 0 % of the nodes (measured, 4fadbe6, 2026-11-21; `high` proved)",
-        ("model.accuracy", "model.tolerance"), _tiers,
+        ("model.accuracy", "model.tolerance"), alternatives.tiers,
         effects=("cast shadows", "occlusion"),
         settings=("node_error", "tolerance", "shadows", "shadow_method", "far_doubt"),
         constants=("terrain.occlusion.EPSILON", "kernels.shadows.draft.NEAR_CELLS", "kernels.shadows.draft.DENSITY", "terrain.occlusion.LIKELY", "terrain.occlusion.PROVED"), expected=0.001,
-        fineness=lambda c: _TIERS.index(c.model.precision.tier),
+        fineness=lambda c: alternatives.TIERS.index(c.model.precision.tier),
         sample="draft: 0.94, 0, 0/0; high: 1.14, 0.17 % (0.043..0.29), 2/3; reference: 1.26, 0.17 % (0.043..0.29), 2/3",
     ),
     Approximation(
         "reflectance law",
         Figure(10.0, "%", "the mean signal, rms, in `draft`; 5, 1 and 0 in the others", LIMIT),
         "rms difference from Hapke's image, gain and offset free, stated by the scene plan: where the law is chosen at most 10, 5, 1 and 0 % of the mean signal by tier; a law that is asked for is only stated; a facet model is integrated to 0.5 % of its albedo",
-        ("model.reflectance",), _choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
-        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS", "rendering.plan._PHASES", "kernels.photometry.facet.TABLE", "kernels.photometry.facet.CONE_SIN", "photometry.facet_model._QUADRATURE", "photometry.law_choice._QUADRATURE", "photometry.facet_model._PER_SIGMA"), expected=0.02, fineness=_law,
+        ("model.reflectance",), alternatives.choices("model.reflectance", "lommel-seeliger:rolo", "lunar-lambert:rolo", "hapke:rolo"),
+        effects=("reflectance",), settings=("law_residual",), constants=("photometry.law_choice.SLOPE_RMS", "rendering.plan._PHASES", "kernels.photometry.facet.TABLE", "kernels.photometry.facet.CONE_SIN", "photometry.facet_model._QUADRATURE", "photometry.law_choice._QUADRATURE", "photometry.facet_model._PER_SIGMA"), expected=0.02, fineness=alternatives.law,
         sample="lommel-seeliger:rolo: 1.04, 6.6 % (4.7..8.5), 10/11; hapke:rolo: 1.29, 2.2 % (1.1..3.4), 8/7",
     ),
     Approximation(
         "brightness of the ground",
         Figure(26.0, "%", "the mean radiance, rms over the Moon, without a map", MEASURED),
         "without a map the map's contrast, which the scene plan states for your area: standard deviation over mean 26 % on the whole Moon, 23 % on the sample's map (35b57c98, 2026-11-28); what no map holds is `errors.albedo_sigma`",
-        ("model.albedo", "model.albedo_encoding", "model.albedo_reference"), _choices("model.albedo", "none", "moon"),
+        ("model.albedo", "model.albedo_encoding", "model.albedo_reference"), alternatives.choices("model.albedo", "none", "moon"),
         effects=("albedo",), expected=0.08,
         sample="none: 0.98, 8 % (2.1..14), 18/18; moon: 1.22, 2.2 % (0.15..4.2), 8/8",
     ),
@@ -219,7 +99,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "one direction per area",
         Figure(4.7, "%", "the `unshadowed` flags under the lowest Sun measured, 0.5 deg, in `draft` and `standard`; 0 above", MEASURED),
         "a Sun and a view wrong by the tolerance: 4.7 % at 0.5 deg of Sun (84 N), 2.3, 0.6 and 0.4 % at 5, 10 and 12 deg (sample), stated by the scene plan; none up to 15 deg in `high` and `reference`; nearly proportional to the tolerance (c167345, ede1714, 2b1335ac, 2026-11-27, decision 5)",
-        ("model.direction_tolerance_deg", "model.own_sun_deg"), _directions,
+        ("model.direction_tolerance_deg", "model.own_sun_deg"), alternatives.directions,
         effects=("one direction per area",), settings=("own_sun_deg",), constants=("production.patch_light.OWN_SUN_DOUBT", "production.build_decisions.TURNED"), expected=0.01,
         fineness=lambda c: 0.01 * c.model.precision.own_sun_deg - c.model.direction_tolerance_deg,
         sample="1: 0.58, 2.3 % (0.74..3.8), 19/16; 0.25: 1.60, 1.6 % (0.65..2.6), 16/15; own Sun to 15 deg: 1.01, 0.13 % (0.035..0.22), 2/3",
@@ -228,7 +108,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "parallel or near views",
         Figure(0.0087, "rad", "the direction to a near camera whose rays are taken as parallel", LIMIT),
         "half the patch and the search radius over the distance (exact, stated by the scene plan); taken as parallel up to `model.direction_tolerance_deg`, 0.5 deg",
-        ("view.altitude_km",), _altitudes, effects=("perspective",),
+        ("view.altitude_km",), alternatives.altitudes, effects=("perspective",),
         constants=("production.sweep._LOWEST_VIEW_DEG", "rendering.error_bounds.SHIFT_PX"), expected=0.0001,
         sample="near, 100 km: 8.46, 1.9 % (0.88..2.8), 4/4",
     ),
@@ -236,7 +116,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "views, interpolated between",
         Figure(0.05, "", "a probability, mean over points", MEASURED),
         "claims of the nearest view hold to 20 deg: mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25)",
-        ("view.off_nadir_deg", "view.azimuth_deg"), _views,
+        ("view.off_nadir_deg", "view.azimuth_deg"), alternatives.views,
         constants=("catalog.prediction.VIEW_REACH_DEG",), expected=0.2,
         sample="the first alone: 0.35, 42 % (32..53), 1/1; and 35 deg from 4 sides: 1.66, 1.3 % (0.79..1.9), 2/2",
     ),
@@ -244,7 +124,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "Sun azimuths, interpolated between",
         Figure(1.0, "%", "the points claimed usable between the grid's Suns that are not", MEASURED),
         "99 % of the points claimed usable between the grid's Suns are (random Suns and views, c896266, 2026-11-24)",
-        ("sun.azimuths_deg",), _azimuths, constants=("catalog.prediction.BETWEEN_MARGIN",), expected=0.05,
+        ("sun.azimuths_deg",), alternatives.azimuths, constants=("catalog.prediction.BETWEEN_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.azimuths_deg),
         sample="every second azimuth: 0.70, 2.6 % (1.2..4), 6/6; twice the azimuths: 1.34, 1.3 % (0.51..2.1), 3/3",
     ),
@@ -252,7 +132,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "Sun elevations, interpolated between",
         Figure(1.0, "%", "the points claimed usable between the grid's Suns that are not", MEASURED),
         "99 % of the points claimed usable between them are (random Suns and views, c896266, 2026-11-24); below the lowest no claim is made",
-        ("sun.elevations_deg",), _elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
+        ("sun.elevations_deg",), alternatives.elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.elevations_deg),
         sample="every second elevation: 0.70, 7.3 % (5..9.7), 12/12; twice the elevations: 1.54, 2.7 % (1.4..4), 6/5",
     ),
@@ -260,34 +140,34 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "cell size",
         Figure(5.0, "m", "heights between the nodes, rms, cells of 474 m in place of the sample's 118 m", MEASURED),
         "detail below two cells is lost: rms 5.0 m of the sample's heights (35b57c98, 2026-11-28); claims are those of images of these cells",
-        ("area.gsd_m", "area.levels_m", "area.altitudes_km", "area.ifov_rad"), _numbers("area.gsd_m", 2.0, 0.5), expected=0.3,
+        ("area.gsd_m", "area.levels_m", "area.altitudes_km", "area.ifov_rad"), alternatives.numbers("area.gsd_m", 2.0, 0.5), expected=0.3,
         sample="948 m: 0.87, 34 % (11..57), 26/22; 237 m: 2.02, 34 % (20..47), 24/17",
     ),
     Approximation(
         "patch size",
         Figure(38.0, "%", "the usable conditions, twice the side", ON_SAMPLE),
         "none by itself: the claims are those of this patch; another side is another question",
-        ("points.patch_nodes",), _patches, expected=0.3,
+        ("points.patch_nodes",), alternatives.patches, expected=0.3,
         sample="17: 0.56, 37 % (26..48), 16/12; 65: 3.79, 38 % (20..56), 12/10",
     ),
     Approximation(
         "search radius",
         Figure(8.4, "%", "the usable conditions, twice the radius", ON_SAMPLE),
-        "none for a camera whose position is known to within the radius: rivals beyond it do not count", ("points.search_m",), _searches, expected=0.1,
+        "none for a camera whose position is known to within the radius: rivals beyond it do not count", ("points.search_m",), alternatives.searches, expected=0.1,
         sample="16 cells: 1.06, 0.59 % (0.24..0.93), 2/3; 34 cells: 1.60, 8.4 % (1.3..16), 6/6",
     ),
     Approximation(
         "area size",
         Figure(0.84, "%", "the usable conditions, 64 in place of 96 nodes", MEASURED),
         "areas are cut at the direction tolerance or at this size: of 64 instead of 96 nodes on cells of 237 m they change 0.84 % (0.39..1.3) of the usable conditions and most points (4 areas of the sample, d153cb8, 2026-11-27)",
-        ("model.area_nodes_max",), _numbers("model.area_nodes_max", 2.0, 0.125), expected=0.005,
+        ("model.area_nodes_max",), alternatives.numbers("model.area_nodes_max", 2.0, 0.125), expected=0.005,
         sample="1024: 0.97, 0, 0/0; 64: 0.98, 0, 0/0",
     ),
     Approximation(
         "candidates per cell",
         Figure(14.0, "%", "the points, others with one candidate", ON_SAMPLE),
         "better points are missed: 4 of the sample's 28 are others with one candidate, 1 with four; a point's claims are the same",
-        ("points.candidates_per_cell",), _numbers("points.candidates_per_cell", 0.5, 2.0), expected=0.0,
+        ("points.candidates_per_cell",), alternatives.numbers("points.candidates_per_cell", 0.5, 2.0), expected=0.0,
         fineness=lambda c: c.points.candidates_per_cell,
         sample="1: 0.86, 0.098 % (0..0.21), 4/2; 4: 1.04, 0, 1/1",
     ),
@@ -295,7 +175,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "two passes",
         Figure(9.0, "%", "the usable conditions, on a mare; 2 over four regions", MEASURED),
         "points that a first look misjudges are missed: 0.98 of the usable conditions of one pass, on a mare 0.91, claims the same (four regions, c791be4, 2026-11-27)",
-        ("points.passes",), _choices("points.passes", 1, 2, usual=1), expected=0.0,
+        ("points.passes",), alternatives.choices("points.passes", 1, 2, usual=1), expected=0.0,
         fineness=lambda c: -(c.points.passes or 1),
         sample="2: 0.69, 0, 3/3",
     ),
@@ -303,7 +183,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "search at half resolution first",
         Figure(0.49, "", "a probability away from the limit", MEASURED),
         "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.29 in 97 points of Hadley (86f40c1, 2026-11-27), 0.43 in 142 points, 0.80 in 486 candidates of 60 km of the sample (eff4066c, 2026-11-28): found, not bounded",
-        ("model.whole_search",), _whole_search, settings=("whole_search",), expected=0.0005,
+        ("model.whole_search",), alternatives.whole_search, settings=("whole_search",), expected=0.0005,
         constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._AROUND", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN", "matching.point_search._HALVED_FROM"),
         fineness=lambda c: c.model.precision.whole_search,
         sample="full resolution: 1.10, 0.037 % (0.0062..0.068), 0/0",
@@ -312,7 +192,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "searched again near the limit",
         Figure(0.71, "%", "the usable conditions, without it", MEASURED),
         "without it 0.71 % (0.48 to 0.94 %) of the usable conditions, 0.47 of a probability at most (measured on the sample, ede1714, 2026-11-27)",
-        ("points.search_doubt",), _choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
+        ("points.search_doubt",), alternatives.choices("points.search_doubt", (0.0, 0.0), (0.1, 0.2)),
         constants=("production.point_config.SEARCH_DOUBT",), expected=0.001,
         fineness=lambda c: sum(c.points.search_doubt or (0.035, 0.09)),
         sample="(0.0, 0.0): 0.85, 0.71 % (0.48..0.94), 2/2; (0.1, 0.2): 1.12, 0.037 % (0.0062..0.068), 0/0",
@@ -321,14 +201,14 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "image scales",
         Figure(0.05, "", "a probability between two scales, mean over points", MEASURED),
         "between scales interpolated as between Suns: mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25); with one scale no claim for coarser pixels: of the conditions at all scales 39 % are no longer usable (as the others, f68fd3eb, 2026-11-28)",
-        ("points.image_scales",), _scales, constants=("production.point_config.SMALLEST_PX",), expected=0.4,
+        ("points.image_scales",), alternatives.scales, constants=("production.point_config.SMALLEST_PX",), expected=0.4,
         sample="1: 0.75, 39 % (28..49), 0/0",
     ),
     Approximation(
         "point Sun",
         Figure(0.024, "cells", "a match, 0.5 deg of Sun", MEASURED),
         "shift of a match 0.014 to 0.024 cells at 6 to 0.5 deg of Sun (86f40c1, 2026-11-27); a build's plan states it, a render's 1.0 is that of one node in a penumbra",
-        ("model.sun",), _choices("model.sun", "point", "disc", usual="point"),
+        ("model.sun",), alternatives.choices("model.sun", "point", "disc", usual="point"),
         effects=("solar disc",), settings=("disc", "disc_strips", "disc_directions", "disc_rms"),
         constants=("ephemeris.limb_darkening.STEPS", "light.solar_disc.TRACE", "light.solar_disc.FIRST_STRIPS", "light.solar_disc.MOST_STRIPS", "light.solar_disc.CONVERGED", "light.solar_disc.STEEP_RAD", "light.solar_disc.LEAN_MAX", "rendering.error_bounds.PENUMBRA_PX"), expected=0.005,
         fineness=lambda c: c.model.sun == "disc",
@@ -338,7 +218,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "far terrain",
         Figure(0.018, "deg", "the horizon, rms, 86 N", MEASURED),
         "elevation of terrain that is left out, stated by the scene plan; 0.008 deg rms of the horizon from coarser cells at 26 N, 0.018 at 86 N (1e61e03, 2026-11-21)",
-        ("model.ring_max_km",), _numbers("model.ring_max_km", 0.075, 0.25),
+        ("model.ring_max_km",), alternatives.numbers("model.ring_max_km", 0.075, 0.25),
         effects=("terrain beyond the area",),
         constants=("terrain.surroundings.CELL_SHARE", "terrain.surroundings.HORIZON_RMS_DEG", "terrain.surroundings.REACH_MAX_M", "terrain.relief_bounds.COARSE_SLOPE", "terrain.far_terrain.PLACES", "terrain.surroundings.NEAR_NODES", "terrain.relief_bounds.COARSE_NODES"), expected=0.005,
         fineness=lambda c: c.model.ring_max_km,
@@ -348,7 +228,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "light by way of other ground",
         Figure(1.4, "%", "the usable conditions, 84 N; 0.4 to 1.0 on the sample", MEASURED),
         "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet) for a node, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.4 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time, around 84 N 1.4 %, in 110 times (measured, ede1714, 7bb57269, 2b1335ac, 2026-11-27)",
-        ("model.bounce",), _choices("model.bounce", "off", "on", usual="off"),
+        ("model.bounce",), alternatives.choices("model.bounce", "off", "on", usual="off"),
         effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=(21.0, 110.0), expected=0.01,
         fineness=lambda c: c.model.bounce == "on",
         sample="on: 21, 0.38 % (0.16..0.59), 9/10",
@@ -377,7 +257,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "point spread of an image",
         Figure(3.7, "%", "the usable conditions, 0.7 in place of 0.5 pixels", ON_SAMPLE),
         "0.5 pixels assumed; a sharper or duller image changes them",
-        ("points.point_spread_px",), _choices("points.point_spread_px", 0.35, 0.7),
+        ("points.point_spread_px",), alternatives.choices("points.point_spread_px", 0.35, 0.7),
         constants=("landmarks.point_spread.POINT_SPREAD_PX",), expected=0.02,
         sample="0.35: 1.00, 2 % (1.3..2.6), 3/4; 0.7: 1.01, 3.7 % (2..5.3), 4/3",
     ),
@@ -385,7 +265,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "number of rivals",
         Figure(0.012, "%", "the usable conditions, 12 in place of 64", ON_SAMPLE),
         "with 12 instead of 64 the Brier score doubles in pure noise (simulated, c896266, 2026-11-24); 256 change nothing on the sample",
-        ("points.rivals",), _choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS", "landmarks.detection._CLEAR"), expected=0.002,
+        ("points.rivals",), alternatives.choices("points.rivals", 12, 256), constants=("landmarks.uniqueness.RIVALS", "landmarks.detection._CLEAR"), expected=0.002,
         fineness=lambda c: c.points.rivals or 64,
         sample="12: 0.94, 0.012 % (0..0.045), 0/0; 256: 0.97, 0, 0/0",
     ),
@@ -393,7 +273,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "least correlation of a match",
         Figure(0.53, "%", "the usable conditions, 0.4 in place of 0.3", ON_SAMPLE),
         "none by itself: a match below it is refused, and the claim counts that",
-        ("points.least_correlation",), _choices("points.least_correlation", 0.2, 0.4),
+        ("points.least_correlation",), alternatives.choices("points.least_correlation", 0.2, 0.4),
         constants=("landmarks.detection.LEAST_CORRELATION",), expected=0.02,
         sample="0.2: 1.01, 0.061 % (0.032..0.091), 0/0; 0.4: 1.00, 0.53 % (0.14..0.92), 0/0",
     ),
@@ -401,14 +281,14 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "limit of dependence",
         Figure(10.0, "%", "a patch's nodes, darkened or hidden from outside", LIMIT),
         "at most this share of a patch is darkened or hidden from outside where it counts as usable",
-        ("points.max_dependence",), _numbers("points.max_dependence", 2.0, 0.5), expected=0.03,
+        ("points.max_dependence",), alternatives.numbers("points.max_dependence", 2.0, 0.5), expected=0.03,
         sample="0.2: 0.97, 0.68 % (0.25..1.1), 2/2; 0.05: 1.04, 1.8 % (0.56..2.9), 7/8",
     ),
     Approximation(
         "least lit share",
         Figure(0.34, "%", "the usable conditions, 0.3 in place of 0.1", ON_SAMPLE),
         "none by itself: darker patches have no claim",
-        ("points.min_lit_share",), _choices("points.min_lit_share", 0.3, 0.05), expected=0.01,
+        ("points.min_lit_share",), alternatives.choices("points.min_lit_share", 0.3, 0.05), expected=0.01,
         sample="0.3: 0.96, 0.34 % (0..0.81), 1/2; 0.05: 0.97, 0, 0/0",
     ),
     Approximation(
@@ -422,7 +302,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "quadrature over places",
         Figure(0.073, "", "a probability", MEASURED),
         "five nodes instead of 31: 0.0008 of a probability at the 99th percentile, 0.073 at most, 0.012 % of the usable conditions (measured on the sample, 5da61c4, ede1714, 2026-11-27)",
-        ("points.spread_nodes",), _choices("points.spread_nodes", 1, 31, usual=5),
+        ("points.spread_nodes",), alternatives.choices("points.spread_nodes", 1, 31, usual=5),
         constants=("landmarks.detection.SPREAD_NODES",), expected=0.0001,
         fineness=lambda c: c.points.spread_nodes or 5,
         sample="1: 0.97, 3.5 % (2.3..4.7), 8/6; 31: 1.21, 0.012 % (0..0.043), 0/0",
@@ -543,7 +423,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "rounding of height errors",
         Figure(2.5, "%", "sigma and length", EXACT),
         "2.5 % of sigma and length (exact)",
-        ("points.error_step",), _choices("points.error_step", 0.4, 0.01, usual=0.05),
+        ("points.error_step",), alternatives.choices("points.error_step", 0.4, 0.01, usual=0.05),
         constants=("production.evaluation.STEP",), expected=0.0001,
         fineness=lambda c: -(c.points.error_step or 0.05),
         sample="0.4: 1.01, 0, 0/0; 0.01: 1.01, 0, 0/0",
