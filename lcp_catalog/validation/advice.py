@@ -38,6 +38,14 @@ _REACH_PX = 3.0
 SIGMAS = 2.0
 """Least gain by which decoded samples fit better, in standard errors."""
 
+_SAID = {
+    ("srgb", "srgb"): "decoded as sRGB, which fits better",
+    ("srgb", "linear"): "decoded as sRGB: only so the image was located",
+    ("linear", "srgb"): "taken as linear, but fit better as sRGB (encoding auto or srgb)",
+    ("linear", "linear"): "taken as linear; sRGB does not fit better",
+}
+"""What was done with the samples, by the encoding used and the better one."""
+
 
 @dataclass(frozen=True)
 class EncodingCheck:
@@ -60,15 +68,12 @@ class EncodingCheck:
 
     @property
     def sentence(self) -> str:
-        """What the check says, one line."""
+        """How the samples were taken, whether the other way fits better, and the figures, one line."""
         figures = (
-            f"median correlation {self.srgb:.3f} as sRGB codes, {self.linear:.3f} as linear values; "
-            f"{100.0 * self.share:.0f} % of {self.points} points correlate better as sRGB codes "
-            f"(gain of {self.sigmas:.1f} sigma)"
+            f"median correlation {self.srgb:.3f} as sRGB (codes of a display image), {self.linear:.3f} as linear values; "
+            f"{100.0 * self.share:.0f} % of {self.points} points correlate better as sRGB (mean gain of {self.sigmas:.1f} sigma)"
         )
-        if self.used == self.better:
-            return f"used as {self.used}: {figures}"
-        return f"used as {self.used}, but fits better as {self.better} (encoding auto or {self.better}): {figures}"
+        return f"samples {_SAID[self.used, self.better]}: {figures}"
 
     def figures(self) -> dict[str, Any]:
         """``encoding`` of an image in ``report.json``."""

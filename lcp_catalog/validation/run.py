@@ -301,7 +301,9 @@ class _EncodedSearch(NamedTuple):
 def _searched(
     request: Validation, whole: Catalog, files: ImageFiles, image: Image, options: Options
 ) -> _EncodedSearch:
-    """The search in an image as it was opened and, if that is asked for and fits better, decoded."""
+    """The search in an image as it was opened and, if that is asked for and fits better, decoded. An image that is
+    located neither way keeps the search of its samples as they were opened.
+    """
 
     def place(catalog: Catalog, image: Image) -> Fix:
         return locate(catalog, image, request.uncertainty, request.law, options)
@@ -309,8 +311,7 @@ def _searched(
     def search(image: Image) -> _EncodedSearch:
         catalog = _perhaps_seen(request, whole, image, options)
         located = place(catalog, image)
-        sigmas = options.sigmas
-        located = advised(located, catalog, image.sensor, request.uncertainty, sigmas)
+        located = advised(located, catalog, image.sensor, request.uncertainty, options.sigmas)
         if located.pose is None:
             more = turned_or_unlit(located, catalog, image, partial(place, catalog))
             more = more or better_catalog(catalog, PlannedImage.of(image))
@@ -324,9 +325,10 @@ def _searched(
     if other is None:
         return found
     if found.located.pose is None:
-        found, used = search(other), "srgb"
-    if found.located.pose is None:
-        return found._replace(image=image)
+        again = search(other)
+        if again.located.pose is None:
+            return found
+        found, used = again, "srgb"
     check = check_encoding(
         found.catalog, (image, other), found.located, request.law, options.criteria, used
     )

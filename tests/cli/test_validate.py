@@ -537,4 +537,19 @@ def test_the_encoding_that_fits_is_named_and_chosen(place, capsys, name, gamma, 
     assert used.pop("auto") == better
     assert set(used.values()) <= {"linear"}
     text = capsys.readouterr().out
-    assert ("but fits better as srgb (encoding auto or srgb)" in text) == (better == "srgb")
+    assert ("but fit better as sRGB (encoding auto or srgb)" in text) == (better == "srgb")
+
+
+@pytest.mark.slow
+def test_an_image_that_neither_encoding_locates_keeps_the_search_of_its_samples(place) -> None:
+    """Points, windows and pictures are then of one and the same search: those of ``linear``."""
+    eight_bits(place, "n.png", 2.4)
+    found = {}
+    for encoding in ("linear", "auto"):
+        out = f"neither-{encoding}"
+        wrong = ["--sun-azimuth", "300", "--sun-elevation", "60", "--encoding", encoding]
+        assert validated(place, *wrong, image="n.png", out=out) == 4
+        document = json.loads((place / out / "report.json").read_text())
+        found[encoding] = document["images"], (place / out / "points.csv").read_bytes()
+    assert found["auto"][0][0]["encoding"] is None
+    assert found["auto"] == found["linear"]
