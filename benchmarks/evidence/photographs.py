@@ -374,7 +374,7 @@ def sheet(rows: list[Row]) -> str:
         for line, pair in enumerate(pairs)
         for column, drawing in enumerate(pair)
     ]
-    box = f'viewBox="0 0 {2 * wide} {high * len(pairs)}"'
+    box = f'style="width:auto" viewBox="0 0 {2 * wide} {high * len(pairs)}"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {box} role="img">{"".join(parts)}</svg>\n'
 
 

@@ -72,6 +72,24 @@ def test_every_quoted_output_is_compared_or_says_why_not(name: str) -> None:
             assert [line for line in whole if line and not COMMANDS.match(line)] == []
 
 
+def test_the_evidence_has_the_windows_that_the_tutorial_quotes() -> None:
+    """One photograph, one result: its row for the sample's albedo map, and the mode, in the table of windows."""
+    quoted = re.search(
+        r"cells of 1001 m: ([\d.]+) % above 0\.9.*?mode ([\d.]+);\s+without smoothing ([\d.]+) %",
+        TEXTS["docs/tutorial/index.md"],
+        re.S,
+    )
+    page = (ROOT / "docs/measurements/evidence.md").read_text(encoding="utf-8")
+    row = re.search(
+        r"^\| 0414, the sample's albedo map \|.*\| (\d+) % \([\d.]+\) \| (\d+) % \(([\d.]+)\) \|$",
+        page,
+        re.M,
+    )
+    assert quoted is not None
+    assert row is not None
+    assert (f"{float(quoted[3]):.0f}", f"{float(quoted[1]):.0f}", quoted[2]) == row.groups()
+
+
 def test_a_line_may_be_left_out_but_no_number_may_differ() -> None:
     printed = "a  1.25 m\nb  2 m\nc  3 m, of which 17\n"
     assert agrees(printed, printed)
