@@ -34,7 +34,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Approximation:
-    """One approximation. ``error``: its greatest error as one number; ``bound``: that error in words, its conditions and the
+    """One approximation. ``error``: its error as one number, the greatest unless it names a mean or an rms; ``bound``: that error in words, its conditions and the
     source of the figure; ``switch``: the fields of the configuration that control it, or none, the reason in
     ``unpriced`` and what it was measured to save or to change in ``price``; ``values``: alternatives to a configuration with
     a cell size, coarser ones first; ``effects``, ``settings``, ``constants``: decisions of a scene plan, fields of an

@@ -31,7 +31,7 @@ def _rows() -> Iterator[str]:
 
 def approximations() -> Iterator[str]:
     """Lines of the table of all approximations, with what the alternatives to the sample's configuration cost and change."""
-    head = "approximation", "greatest error", "where and how known", "switch"
+    head = "approximation", "error", "where and how known", "switch"
     yield f"| {' | '.join(head)} | price: alternatives ({SAMPLE}) |\n| --- | --- | --- | --- | --- |"
     for one in APPROXIMATIONS:
         switch = ", ".join(f"`{field}`" for field in one.switch) or one.unpriced

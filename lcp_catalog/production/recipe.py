@@ -112,13 +112,20 @@ class Recipe:
     maps: ErrorMaps | None = None
 
     @classmethod
-    def of(cls, config: BuildConfig, dems: DemSet, region: Area, inputs: InputFiles) -> Recipe:
+    def of(
+        cls,
+        config: BuildConfig,
+        dems: DemSet,
+        region: Area,
+        inputs: InputFiles,
+        law: LawChoice | None = None,
+    ) -> Recipe:
         """The recipe of a configuration with a cell size; the files that it opens are added to the
-        ``inputs``.
+        ``inputs``. ``law``: what `law_of_build` gives, where it is known.
         """
-        law = law_file(config.model.reflectance)
-        choice = law_of_build(config, region.lat_deg)
-        inputs.add([law] if law else ())
+        file = law_file(config.model.reflectance)
+        choice = law or law_of_build(config, region.lat_deg)
+        inputs.add([file] if file else ())
         albedo = _albedo_map(config.model)
         if albedo:
             inputs.add(albedo.files)

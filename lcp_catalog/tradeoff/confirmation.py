@@ -7,18 +7,21 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..approximations import APPROXIMATIONS
 from ..errors import AreaFailedError, ConfigError
+from ..production.executor import processes
 from ..production.run import Build
 from ..stages import Progress, unseen
 from .knob_rows import Written, row_of, rows_of
-from .knobs import Measurement, Sample, Setting, for_budget, settings
+from .knobs import Measurement, Sample, Setting, Started, for_budget, settings
 from .measurement import Budget, Trade, spread
 from .proposal import (
     SAVING,
+    is_clear,
     keeps_enough,
     proposal,
     relative,
@@ -51,19 +54,34 @@ def measure_all(
     budget; otherwise errors as an area's.
     """
     require_one(budget.seconds, budget.error)
+    with processes(workers) if workers else nullcontext() as pool:
+        return _measured(found, build, areas, budget, until, Started(workers, pool), progress)
+
+
+def _measured(
+    found: Trade,
+    build: Build,
+    areas: int | None,
+    budget: Budget,
+    until: float,
+    workers: Started,
+    progress: Progress,
+) -> Trade:
+    """`measure_all` with processes that have started."""
     recipe = build.recipe
     config = recipe.config.replaced({"model.reflectance": recipe.law.model.name})
     chosen = [build.jobs[i] for i in spread(build, areas or len(build.jobs))]
     sample, own = Sample(build, config, chosen), Setting("", "as configured", {})
     sample.start_s(build.levels[0])
     begun = time.monotonic()
-    first_runs = [usual for _, usual in Measurement(sample, workers, math.inf).outcomes([own, own])]
+    runs = Measurement(sample, workers, math.inf).outcomes([own, own])
+    first_runs = [usual for _, usual in runs]
     if isinstance(first_runs[0], str) or isinstance(first_runs[1], str):
         raise AreaFailedError(str(first_runs[0]))
     usual, baseline_s = first_runs[0], [one.cpu_s for one in first_runs if not isinstance(one, str)]
-    setting_s = min(baseline_s) / max(1, workers)
+    setting_s = min(baseline_s) / max(1, workers.number)
     whole = Written.of(usual.level, sample) if areas is None else None
-    first = row_of(sample, own, usual, usual) | (whole.beside(whole) if whole else {})
+    first = row_of(own, usual, usual) | (whole.beside(whole) if whole else {})
     asked = budget.seconds is not None or budget.error is not None
     left_s = until - time.monotonic()
     # of the least confirmation: both configurations on as many areas, as these two runs were
@@ -171,7 +189,8 @@ def _best(
 
 CONFIRMED, CLOSE = 32, 0.15
 """Least number of areas, where the build has them, on which the configuration for a budget is measured; and the half width of the
-interval of its error, as a share of it, above which twice as many are taken."""
+interval of its error, as a share of it, above which twice as many are taken, as they are where what its points are worth is not
+clear (`is_clear`)."""
 
 
 @dataclass(frozen=True)
@@ -183,13 +202,13 @@ class Confirmation:
 
     sample: Sample
     least: int
-    workers: int
+    workers: Started
     until: float
     area_s: float
 
     def fits(self, count: int, relative: float) -> bool:
         """True if ``count`` areas of both configurations are done before the end."""
-        start_s = _START_S if self.workers else 0.0
+        start_s = _START_S if self.workers.number else 0.0
         return time.monotonic() + count * self.area_s * (1.0 + relative) + start_s <= self.until
 
     def again(self, some: Sequence[tuple[Setting, dict[str, Any]]], usual: dict[str, Any]) -> None:
@@ -219,13 +238,19 @@ class Confirmation:
         }
         own_s = usual["build_seconds"] - usual["build_start_seconds"]
         for k, (_, row) in enumerate(fit):
+            start_s = row["build_start_seconds"]
             pairs = [areas_s[f"{k} {n}", False] / areas_s[f"{k} {n}", True] for n in range(turns)]
             mean = sum(pairs) / turns
             row |= {
                 "seconds": usual["seconds"] * mean,
                 "seconds_relative": mean,
                 "seconds_interval": [min(pairs), max(pairs)],
-                "build_seconds": own_s * mean + row["build_start_seconds"],
+                "build_interval": row["build_interval"]
+                and [
+                    (one - start_s) * mean / row["seconds_relative"] + start_s
+                    for one in row["build_interval"]
+                ],
+                "build_seconds": own_s * mean + start_s,
             }
 
     def row(self, best: Setting, told: dict[str, Any]) -> dict[str, Any]:
@@ -239,7 +264,7 @@ class Confirmation:
             row = self._of(best, count)
             around, share = row["interval"], row["conditions_changed_share"] or 0.0
             close = around is None or around[1] - around[0] <= 2.0 * CLOSE * share
-            if close or row["areas"] == len(self.sample.build.jobs):
+            if (close and is_clear(row)) or row["areas"] == len(self.sample.build.jobs):
                 break
             count *= 2
         return row or told
@@ -253,4 +278,4 @@ class Confirmation:
         usual, outcome = found[own.knob], found[best.knob]
         if isinstance(usual, str) or isinstance(outcome, str):
             raise ConfigError(str(outcome))
-        return row_of(sample, best, usual, outcome) | {"areas": len(jobs)}
+        return row_of(best, usual, outcome)

@@ -21,13 +21,11 @@ from ..geometry.bounds import wrapped_deg
 from ..geometry.frames import direction_enu
 from ..landmarks.selection import Places, nearest
 from ..production.area_job import Candidates
-from ..production.assembly import choose
 from ..production.config import BuildConfig
 from ..production.estimate import file_bytes
-from ..production.finished_area import table_of
 from ..production.run import BuildRun, Level
 from .knobs import Measurement, Outcome, Row, Sample, Setting, default_jobs, ratio_interval
-from .point_changes import sigma_m, some_of, usable_points
+from .point_changes import sigma_m, some_of, usable_shares
 
 NEAR_CELLS = 2.0
 """Cells within which two candidates are the same place: those of a point's own peak."""
@@ -115,8 +113,18 @@ def _wanted(usual: BuildConfig, other: BuildConfig) -> BuildConfig:
     )
 
 
-def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> Row:
-    """A row of the table: a setting beside the user's configuration."""
+def _worth(outcome: Outcome, areas: int) -> Array:
+    """What the points of each area of a sample are worth: the sum of the usable shares of their conditions."""
+    rows = outcome.chosen
+    shares = usable_shares(outcome.candidates, rows)
+    return np.bincount(outcome.area[rows], shares, areas).astype(np.float64)
+
+
+def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
+    """A row of the table: a setting beside the user's configuration, on the areas on which it was computed."""
+    sample, areas_of = found.sample, len(usual.sample.jobs)
+    usual = usual.on(sample)
+    areas = len(sample.jobs)
     before, after = usual.candidates, found.candidates
     config, own = usual.level.recipe.config, found.level.recipe.config
     near_m = NEAR_CELLS * config.gsd_m
@@ -139,7 +147,7 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
     by_area = np.array(
         [
             (changed[group].sum(), judged[group].sum())
-            for k in range(len(sample.jobs))
+            for k in range(areas)
             if judged[group := usual.area[here] == k].any()
         ],
         np.float64,
@@ -151,11 +159,15 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         sigma_m(some, of)[rows] for some, of, rows in ((before, config, here), (after, own, there))
     ]
     both = (sigma[0] > 0.0) & (sigma[1] > 0.0) & np.isfinite(sigma[0]) & np.isfinite(sigma[1])
-    points = [
-        (some, choose(table_of(some, of), of)) for some, of in ((before, config), (after, own))
+    chosen = [
+        Places(one.candidates.lon_deg[one.chosen], one.candidates.lat_deg[one.chosen])
+        for one in (usual, found)
     ]
-    chosen = [Places(some.lon_deg[rows], some.lat_deg[rows]) for some, rows in points]
-    worth = [usable_points(some, rows) for some, rows in points]
+    worth = np.stack([_worth(one, areas) for one in (found, usual)], axis=1)
+    # two passes evaluate what a promise takes of the region, which some areas do not tell
+    told = worth[:, 1].sum() > 0.0 and (
+        own.points.passes == config.points.passes or not own.points.promised
+    )
     lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
     areas_s, around_s = found.areas_s()
     start_s = sample.start_s(found.level)
@@ -183,10 +195,8 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "points_lost": lost,
         "points_gained": gained,
         "matched_share": len(here) / max(1, len(before)),
-        # two passes evaluate what a promise takes of the region, which some areas do not tell
-        "usable_ratio": worth[1] / max(worth[0], 1e-9)
-        if own.points.passes == config.points.passes or not own.points.promised
-        else None,
+        "usable_ratio": float(worth[:, 0].sum() / worth[:, 1].sum()) if told else None,
+        "usable_interval": ratio_interval(worth, math.inf) if told else None,
         "conditions_changed_share": share,
         "interval": ratio_interval(by_area),
         "elsewhere": ratio_interval(by_area, wider=math.sqrt(2.0)),
@@ -195,6 +205,8 @@ def row_of(sample: Sample, setting: Setting, usual: Outcome, found: Outcome) -> 
         "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,
         "shift_cells": found.shift_px,
         "promise_change": None,
+        "areas": areas,
+        "areas_of": areas_of,
     }
 
 
@@ -208,7 +220,7 @@ def rows_of(
         if isinstance(found, str):
             yield setting, found
             continue
-        row = row_of(measured.sample, setting, usual, found)
+        row = row_of(setting, usual, found)
         if whole and setting.knob:
             row |= Written.of(found.level, measured.sample).beside(whole)
         yield setting, row

@@ -27,15 +27,29 @@ KNOBS_EXPLAINED = (
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
     + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
-    f" (worth; a dash: two passes evaluate what a promise takes of the whole region, which these areas do not tell)."
+    f" (worth, in brackets the 90 % interval of the mean over areas; a dash: two passes evaluate what a promise takes of the whole region, which these areas do not tell)."
     " Points: chosen among the measured areas by spacing; all areas tell the promise."
 )
 
 
 def _time(row: Row) -> str:
     low, high = row["seconds_interval"] or (math.nan, math.nan)
-    around = "" if math.isnan(low) else f" ({times(low)}..{times(high)})"
-    return times(row["seconds_relative"]) + around
+    one = row.get("pairs") == 1
+    around = "" if math.isnan(low) or one else f" ({times(low)}..{times(high)})"
+    return times(row["seconds_relative"]) + (" (one pair of runs)" if one else around)
+
+
+def _worth(row: Row) -> str:
+    """What points are worth beside those of the configuration, and its interval."""
+    around = row["usable_interval"]
+    between = f" ({around[0]:.2f} to {around[1]:.2f})" if around else ""
+    return number_or_dash(row["usable_ratio"]) + between
+
+
+def _value(row: Row) -> str:
+    told = f" ({row['configured']})" if row["configured"] else ""
+    short = f", on {row['areas']} of {row['areas_of']} areas"
+    return f"{row['value']}{told}{short * (row['areas'] < row['areas_of'])}"
 
 
 def _probabilities(row: Row) -> str:
@@ -45,23 +59,15 @@ def _probabilities(row: Row) -> str:
 
 KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("approximation", lambda r: r["knob"] or "your configuration"),
-    (
-        "value (yours)",
-        lambda r: f"{r['value']} ({r['configured']})" if r["configured"] else r["value"],
-    ),
+    ("value (yours)", _value),
     ("time, relative", _time),
     ("conditions changed", changed_share),
     (
         "points (lost, gained)",
         lambda r: f"{r['points']} ({r['points_lost']}, {r['points_gained']})",
     ),
-    ("worth of points", lambda r: number_or_dash(r["usable_ratio"], 3)),
-    (
-        "change of probability (greatest)",
-        lambda r: (
-            f"{number_or_dash(r['detection_change_mean'])} ({number_or_dash(r['detection_change_max'])})"
-        ),
-    ),
+    ("worth of points", _worth),
+    ("change of probability (greatest)", _probabilities),
     ("whole build, s", lambda r: number(r["build_seconds"], 3)),
     ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
     ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
@@ -122,7 +128,7 @@ def best_said(trade: Trade) -> list[str]:
     if best["areas"]:
         places = (
             f" of places in both; of {best['points'] - gained + lost} points {lost} {'is' if lost == 1 else 'are'} lost, {gained} gained, "
-            f"in all worth {best['usable_ratio']:.2f} of them (by the usable share of their conditions)"
+            f"in all worth {_worth(best)} of them (by the usable share of their conditions)"
         )
     elif "; " not in best["value"]:
         measured = "as its row says"

@@ -84,17 +84,22 @@ class Workers:
         """Call a function in the named process. Raises its errors, and AreaFailedError if the
         process dies.
         """
+        return self.calls({name: (function, *arguments)})[name]
+
+    def calls(self, wanted: dict[str, tuple[Any, ...]]) -> dict[str, Any]:
+        """Call functions with arguments, each in its process, at the same time. Raises as `call`."""
         if not self._isolated:
-            return function(*arguments)
-        if name not in self._pools:
-            self._pools[name] = self._stack.enter_context(processes(1))
+            return {name: function(*arguments) for name, (function, *arguments) in wanted.items()}
+        for name in wanted:
+            if name not in self._pools:
+                self._pools[name] = self._stack.enter_context(processes(1))
         try:
             with children_start():
-                called = self._pools[name].submit(function, *arguments)
-            return called.result()
+                called = {name: self._pools[name].submit(*one) for name, one in wanted.items()}
+            return {name: one.result() for name, one in called.items()}
         except BrokenProcessPool as error:
             raise AreaFailedError(
-                f"the process of {name} died (killed or out of memory); use a coarser `gsd_m` or a smaller area"
+                f"a process of {' or '.join(wanted)} died (killed or out of memory); use a coarser `gsd_m` or a smaller area"
             ) from error
 
 
@@ -226,8 +231,9 @@ def measure_trade(
             steps.one()
             images_s = time.monotonic() - begun
             if not done:
-                for tier, run in runs.items():  # loads kernels, fills the file cache
-                    run.base_mb = workers.call(tier, timed_area, job[tier]).before_mb
+                # loads kernels, fills the file cache
+                for tier, run in workers.calls({t: (timed_area, job[t]) for t in TIERS}).items():
+                    runs[tier].base_mb = run.before_mb
                     steps.one()
             begun = time.monotonic()
             timed(workers, job, 0)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import AnyArray, Index
+from ..arrays import AnyArray, Array, Index
 from ..catalog.schema import evaluated, usable
 from ..landmarks.selection import Places, nearest, stable_id
 from ..production.area_job import Candidates
@@ -155,9 +155,9 @@ def _changed(
     return float((usable(exact) != usable(ours))[judged].mean())
 
 
-def usable_points(some: Candidates, rows: Index) -> float:
-    """Sum over points of the usable share of their evaluated conditions."""
+def usable_shares(some: Candidates, rows: Index) -> Array:
+    """Of each point the usable share of its evaluated conditions."""
     condition = some.evaluation.condition[rows]
     axes = tuple(range(1, condition.ndim))
     known = np.maximum(evaluated(condition).sum(axis=axes), 1)
-    return float((usable(condition).sum(axis=axes) / known).sum())
+    return np.asarray(usable(condition).sum(axis=axes) / known)

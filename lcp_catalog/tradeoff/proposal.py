@@ -44,6 +44,12 @@ def keeps_enough(row: Row) -> bool:
     return ratio is not None and float(ratio) >= LEAST_USABLE
 
 
+def is_clear(row: Row) -> bool:
+    """True if the interval of what the points of an alternative are worth is on one side of `LEAST_USABLE`."""
+    around = row["usable_interval"]
+    return around is None or not around[0] < LEAST_USABLE < around[1]
+
+
 def saves(row: Row, noise: float) -> bool:
     """True if an alternative takes less time than the configuration: in every pair of runs, where it was measured again for that
     (``pairs``; 0: there was no time), or else by more than the noise of single runs.
@@ -153,6 +159,7 @@ def together_row(usual: Row, rows: Sequence[Row]) -> Row:
         "points_gained": gained,
         "matched_share": min(row["matched_share"] for row in rows),
         "usable_ratio": math.prod(row["usable_ratio"] for row in rows),
+        "usable_interval": None,
         "detection_change_mean": None,
         "detection_change_max": max(changes_, default=None),
         "sigma_ratio": None,

@@ -20,7 +20,7 @@ from lcp_catalog.tradeoff import (
     confirmation,
     knobs,
 )
-from lcp_catalog.tradeoff.knobs import Setting
+from lcp_catalog.tradeoff.knobs import Setting, Started
 from lcp_catalog.tradeoff.measurement import Budget
 from lcp_catalog.tradeoff.proposal import (
     keeps_enough,
@@ -37,6 +37,7 @@ def _row(relative: float, error: float) -> dict[str, Any]:
         "seconds_interval": [relative, relative],
         "matched_share": 1.0,
         "usable_ratio": 1.0,
+        "usable_interval": None,
         "points": 28,
         "points_lost": 0,
         "points_gained": 0,
@@ -45,6 +46,7 @@ def _row(relative: float, error: float) -> dict[str, Any]:
         "memory_mb": 300.0,
         "build_seconds": 100.0,
         "build_start_seconds": 2.0,
+        "build_interval": [90.0, 110.0],
         "build_jobs": 1,
     }
 
@@ -211,7 +213,7 @@ def test_a_saving_is_measured_beside_the_configuration(
     """
     build = Build.plan((cratered_dem(tmp_path),), CONFIG)
     sample = knobs.Sample(build, build.recipe.config, build.jobs[:2])
-    confirm = confirmation.Confirmation(sample, 2, 0, math.inf, 0.0)
+    confirm = confirmation.Confirmation(sample, 2, Started(), math.inf, 0.0)
     settings = [Setting(str(k), "1", {"points.rivals": 60 + k}, True) for k in range(2)]
     asked: list[int] = []
 
@@ -231,6 +233,9 @@ def test_a_saving_is_measured_beside_the_configuration(
         assert row["pairs"] == 2
         assert row["seconds_interval"] == pytest.approx([expected, expected])
         assert row["build_seconds"] == pytest.approx(2.0 + 98.0 * expected)
+        # of a row of 0.4 of the time
+        around = [2.0 + expected / 0.4 * areas_s for areas_s in (88.0, 108.0)]
+        assert row["build_interval"] == pytest.approx(around)
     # for one pair alone: 2 areas by 1 + 0.4 of the time of one
     asked.clear()
     once = dataclasses.replace(confirm, until=time.monotonic() + 100.0, area_s=30.0)
