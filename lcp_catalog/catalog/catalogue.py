@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Index
 from ..constants import FRAME, MOON_RADIUS_M
+from ..dem.products import PLACE_PER_LENGTH
 from ..errors import CatalogError, ConfigError, not_a, package, unknown_keys
 from ..geometry.bounds import Bounds
 from ..landmarks.error_model import ErrorModel, local_contrast
@@ -462,11 +463,37 @@ class Catalog(CatalogParts):
         """Least detection probability of a usable condition."""
         return float(self.errors["min_detection"])
 
-    def place_sigma_m(self, gsd_m: Array) -> Array:
-        """1 sigma (n,), for each axis, of the places on the ground of points with cells of (n,) metres: the part of
-        their error ellipses that is no match's.
+    def place_sigma_m(self, rows: Index) -> Array:
+        """1 sigma (n,), for each axis, of the places on the ground of points (rows (n,)): the part of their error ellipses
+        that is no match's.
         """
-        return ErrorModel.from_dict(self.errors).place_sigma_m(gsd_m)
+        least = ErrorModel.from_dict(self.errors).position_sigma_cells * self.gsd[rows]
+        return np.maximum(self.error_figure("position_sigma_m", rows), least)
+
+    def error_figure(self, name: str, rows: Index) -> Array:
+        """A figure of the error model at points (rows (n,)): ``height_sigma_m``, ``height_length_m`` or
+        ``position_sigma_m``, (n,) metres. Where ``errors`` has it "by_place", it is the product's that is stated there, or
+        else by the point's ``elevation_sigma`` or ``dem_resolution``; one for all points otherwise.
+        """
+        from ..dem.error_maps import LENGTH_PER_RESOLUTION
+
+        found = np.full(len(rows), getattr(ErrorModel.from_dict(self.errors), name))
+        known = self.errors.get("by_place", {}).get(name)
+        if known is None:
+            return found
+        per_m = LENGTH_PER_RESOLUTION * (PLACE_PER_LENGTH if name == "position_sigma_m" else 1.0)
+        of_height = name == "height_sigma_m"
+        own = self.elevation_sigma[rows] if of_height else per_m * self.dem_resolution[rows]
+        found = np.where(np.isfinite(own), own, found)
+        product = self.part("dem_product", rows)
+        for named, figure in known.items():
+            found[product == named] = figure
+        return found
+
+    def slope_sigma(self, rows: Index) -> Array:
+        """1 sigma (n,) of the slopes' errors at points (rows (n,)): that of heights over their correlation length."""
+        heights = self.error_figure("height_sigma_m", rows)
+        return heights / self.error_figure("height_length_m", rows)
 
     def moving(self, rows: Index) -> Array:
         """Share (n,) of the covariance of matches in an image's noise by which points (rows (n,)) are displaced

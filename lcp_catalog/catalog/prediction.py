@@ -16,7 +16,7 @@ from ..geometry.bounds import turned_deg, wrapped_deg
 from ..geometry.ellipses import ellipse_covariance
 from ..geometry.frames import direction_enu
 from ..landmarks.point_spread import border_px, sharper_sigma
-from ..landmarks.relief_signal import log_signal, peak_height, probability_at
+from ..landmarks.relief_signal import log_of, log_signal, peak_height, probability_at, relief_signal
 from .catalogue import Catalog
 from .schema import DETECTION_STEP, PACKED, UNOCCLUDED, UNSHADOWED, reaches
 
@@ -148,10 +148,12 @@ def predict(
     inside = np.flatnonzero(~(scale | at_view | elevation | azimuth))
     found = _none(len(rows))
     if len(inside):
-        signal = _log_signal(catalog, sun[inside], view[inside])
+        slope = catalog.slope_sigma(rows[inside])
+        bright = float(catalog.errors.get("albedo_sigma", 0.0))
+        signal = log_signal(sun[inside], view[inside], bright, slope)
         reduced = np.broadcast_to(factor, len(rows))[inside]
         for name, values in vars(
-            _interpolated(catalog, rows[inside], axes, inside, signal, reduced)
+            _interpolated(catalog, rows[inside], axes, inside, signal, slope, reduced)
         ).items():
             getattr(found, name)[inside] = values
     sharper = sharper_sigma(factor)
@@ -206,11 +208,12 @@ def _interpolated(
     axes: tuple[_Weights, ...],
     which: Index,
     signal: Array,
+    slope: Array,
     factor: Index,
 ) -> Prediction:
     """Weighted means over all combinations of the neighbours along the axes, of which ``which`` (n,)
-    are those of the points ``rows`` (n,); ``signal`` (n,): how clearly relief shows there; ``factor`` (n,): of the
-    images' reduction.
+    are those of the points ``rows`` (n,); ``signal`` (n,): how clearly relief shows there; ``slope`` (n,): 1 sigma
+    of slopes; ``factor`` (n,): of the images' reduction.
     """
     index, weight = _combined(tuple(axis.some(which) for axis in axes))
     flags = catalog.at("condition", rows, index[1:])
@@ -221,7 +224,7 @@ def _interpolated(
     weight = np.where(known, weight, 0.0)
     enough = (weight.sum(axis=1) >= 0.5 * whole) & (whole > 0.0)
     gain = signal[:, None] - _grid_signal(
-        catalog, index
+        catalog, index, slope
     )  # sigmas fall as relief shows more clearly
     mean_logit = _mean_logit(probability, weight, gain + _log_wider(catalog, index[0], factor))
     free = UNSHADOWED | UNOCCLUDED
@@ -262,20 +265,13 @@ def _logistic(logit: Array) -> Array:
     return np.asarray(1.0 / (1.0 + np.exp(-logit)))
 
 
-def _log_signal(catalog: Catalog, sun: Array, view: Array) -> Array:
-    """`relief_signal.log_signal` under the catalogue's error model."""
-    model = catalog.errors
-    slope = float(model.get("height_sigma_m", 0.0)) / float(model.get("height_length_m", 1.0))
-    return log_signal(sun, view, float(model.get("albedo_sigma", 0.0)), slope)
-
-
-def _grid_signal(catalog: Catalog, index: list[Index]) -> Array:
-    """The same (n, m) in the evaluated conditions with given indices along the axes."""
+def _grid_signal(catalog: Catalog, index: list[Index], slope: Array) -> Array:
+    """`log_signal` (n, m) in the evaluated conditions with given indices along the axes; ``slope`` (n,)."""
     _, at_view, at_elevation, at_azimuth = index
     suns = direction_enu(catalog.sun_azimuth, catalog.sun_elevation[:, None])
     views = direction_enu(catalog.view_azimuth, 90.0 - catalog.view_off_nadir)
-    table = _log_signal(catalog, suns, views[:, None, None])
-    return np.asarray(table[at_view, at_elevation, at_azimuth])
+    shown = relief_signal(suns, views[:, None, None])[at_view, at_elevation, at_azimuth]
+    return log_of(shown, float(catalog.errors.get("albedo_sigma", 0.0)), slope[:, None])
 
 
 def _log_wider(catalog: Catalog, scale: Index, factor: Index) -> Array:

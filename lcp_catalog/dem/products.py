@@ -61,6 +61,10 @@ _BURNS_2012 = (
     "vertical precision 1 to 2 m (the larger is taken); no true resolution is stated"
 )
 
+PLACE_PER_LENGTH = 38.0 / 530.0
+"""1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15,
+together with `production.error_config.ErrorConfig.moving_share`; with maps of Apollo 16 it is 150 of 1420 m."""
+
 _APOLLO_15 = "fitted to the Apollo 15 frames AS15-M-0414 and AS15-M-0295 on cells of 474 m (validation.error_fit)"
 
 _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(

@@ -114,7 +114,7 @@ class ExportedPoints:
     @cached_property
     def sigma_m(self) -> tuple[Array, Array]:
         """1 sigma of the places, horizontal along each axis and vertical, each (n,); NaN: unknown."""
-        place = self.catalog.place_sigma_m(self.gsd_m)
+        place = self.catalog.place_sigma_m(self.rows)
         return np.where(place > 0.0, place, np.nan), np.asarray(self.part("elevation_sigma"))
 
     def blocks(self, name: str) -> Iterator[tuple[slice, AnyArray]]:

@@ -98,9 +98,13 @@ class ErrorModel:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ErrorModel:
-        """The model of a mapping with the fields' names; other keys are left out."""
+        """The model of a mapping with the fields' names; other keys are left out. Of several figures (a merged
+        catalogue's) the largest counts.
+        """
         names = {f.name for f in dataclasses.fields(cls)}
-        return cls(**{name: float(value) for name, value in values.items() if name in names})
+        return cls(
+            **{name: float(np.max(value)) for name, value in values.items() if name in names}
+        )
 
     def to_dict(self) -> dict[str, float]:
         """The fields by name."""

@@ -31,14 +31,25 @@ _LEAST_SLOPE_SIGNAL = 0.03
 _LEAST_COSINE = 0.02
 
 
-def log_signal(sun: Array, view: Array, albedo_sigma: float, slope_sigma: float) -> Array:
-    """log r (...) for directions to the Sun and the camera (..., 3), unit vectors east, north, up; 0 without any noise."""
+def log_signal(sun: Array, view: Array, albedo_sigma: float, slope_sigma: Array | float) -> Array:
+    """log r (...) for directions to the Sun and the camera (..., 3), unit vectors east, north, up, and slope errors (...); 0
+    without any noise.
+    """
+    return log_of(relief_signal(sun, view), albedo_sigma, slope_sigma)
+
+
+def relief_signal(sun: Array, view: Array) -> Array:
+    """|G| (...) of the same directions, at least `_LEAST_SLOPE_SIGNAL`."""
     mu0, mu = (np.maximum(towards[..., 2:], _LEAST_COSINE) for towards in (sun, view))
     across, seen = sun[..., :2], view[..., :2]
     slopes = np.linalg.norm((across + seen) / (mu0 + mu) - across / mu0, axis=-1)
-    slopes = np.maximum(slopes, _LEAST_SLOPE_SIGNAL)
+    return np.asarray(np.maximum(slopes, _LEAST_SLOPE_SIGNAL))
+
+
+def log_of(slopes: Array, albedo_sigma: float, slope_sigma: Array | float) -> Array:
+    """`log_signal` of `relief_signal`."""
     noise = np.hypot(albedo_sigma, slope_sigma * slopes)
-    return np.log(slopes / noise) if albedo_sigma > 0.0 else np.zeros(slopes.shape)
+    return np.log(slopes / noise) if albedo_sigma > 0.0 else np.zeros(noise.shape)
 
 
 def peak_height(probability: Array) -> Array:

@@ -66,7 +66,7 @@ class PointClaims:
         )
         turned = np.swapaxes(slope, -1, -2)
         covariance = slope @ stated.covariance_m2 @ turned
-        place_m = catalog.place_sigma_m(catalog.gsd[rows]) * sharper_sigma(sensor.factor)
+        place_m = catalog.place_sigma_m(rows) * sharper_sigma(sensor.factor)
         by_noise = covariance - place_m[:, None, None] ** 2 * (slope @ turned)
         moving = np.maximum(catalog.moving(rows), _LEAST_MOVING)
         still = np.nan_to_num((1.0 / moving - 1.0)[:, None, None] * by_noise)

@@ -194,7 +194,7 @@ def _answer(catalog: Catalog, points: FramePoints, query: Query) -> Answer:
         rotation, -1, -2
     )  # pixels per metre east, north, up
     level = on_ground[:, :, :2]
-    stated = catalog.place_sigma_m(catalog.gsd[rows]) * sharper_sigma(points.factor[usable])
+    stated = catalog.place_sigma_m(rows) * sharper_sigma(points.factor[usable])
     stated = stated[:, None, None]
     place = stated**2 * (level @ np.swapaxes(level, -1, -2))
     match = level @ points.claims.covariance_m2[usable] @ np.swapaxes(level, -1, -2)

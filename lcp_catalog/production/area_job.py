@@ -17,6 +17,7 @@ from ..arrays import AnyArray, Array, Float32, Index, Int16, Mask
 from ..constants import MOON_RADIUS_M
 from ..dem.block_cache import CACHES_BYTES, limit_caches
 from ..dem.error_maps import height_errors
+from ..dem.products import PLACE_PER_LENGTH
 from ..geometry.frames import EnuFrame, enu_rotation, mcmf_to_lonlat
 from ..landmarks.corners import Persistence, candidates_of_groups
 from ..landmarks.selection import Places
@@ -329,14 +330,15 @@ def _sites(rows: Index, cols: Index, turns: Array) -> AnyArray:
 
 
 def _place_errors(recipe: Recipe, at: Places, product: Int16) -> PlaceErrors:
-    """Error models of the candidates: the configuration's figures, or those of maps and DEMs."""
+    """Error models of the candidates: the build's figures, or those of their maps and DEMs (`Recipe.by_place`)."""
     sigma, length = height_errors(recipe.dems, at.lon_deg, at.lat_deg, recipe.maps, product)
-    own, unknown = recipe.config.errors, np.full(len(product), np.nan)
+    by_place, unknown = recipe.by_place, np.full(len(product), np.nan)
     return PlaceErrors.of_heights(
         recipe.errors,
-        sigma if own.height_sigma_m is None else unknown,
-        length if own.height_length_m is None else unknown,
-        recipe.config.points.error_step or STEP,
+        sigma if "height_sigma_m" in by_place else unknown,
+        length if "height_length_m" in by_place else unknown,
+        (recipe.config.points.error_step or STEP) if recipe.maps else None,
+        PLACE_PER_LENGTH * length if "position_sigma_m" in by_place else None,
     )
 
 

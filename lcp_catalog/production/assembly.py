@@ -21,7 +21,8 @@ from ..catalog.maps import overview_levels
 from ..catalog.model import Coverage
 from ..catalog.schema import PACKED, VARIABLES, summarise_usable, universal
 from ..catalog.writing import new_catalog
-from ..dem.error_maps import errors_of_file
+from ..dem.error_maps import ErrorMaps, errors_of_file
+from ..dem.products import PLACE_PER_LENGTH
 from ..geometry.frames import enu_rotation, lonlat_to_mcmf
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE, Places, select, stable_id
 from ..rendering.plan import ScenePlan
@@ -149,7 +150,9 @@ class Assembly:
             sources=files,
             albedo_map=bright,
             scene_plan=plan.to_json(),
-            errors=recipe.errors.to_dict() | {"min_detection": config.points.min_detection},
+            errors=recipe.errors.to_dict()
+            | {"min_detection": config.points.min_detection}
+            | _by_place(recipe),
             sigma_step_m=sigma_step_m(np.array([config.gsd_m])),
             overview=overview,
             overview_levels=overview_levels(overview),
@@ -240,6 +243,25 @@ def _known(figures: list[float | None]) -> Array:
     return np.array([math.nan if figure is None else figure for figure in figures])
 
 
+def _by_place(recipe: Recipe) -> dict[str, Any]:
+    """What `Catalog.error_figure` reads: the figures that differ by place, and for which products they do not follow from
+    what a point states of its DEM.
+    """
+    found: dict[str, dict[str, float]] = {name: {} for name in recipe.by_place}
+    maps = recipe.maps or ErrorMaps()
+    for dem in recipe.dems.dems if found else ():
+        facts = dem.facts
+        if facts.calibrated_sigma_m and "height_sigma_m" in found and maps.sigma is None:
+            found["height_sigma_m"][dem.product] = facts.calibrated_sigma_m
+        calibrated = facts.calibrated_length_m and maps.resolution is None
+        if "height_length_m" in found and (calibrated or dem.resolution_m is None):
+            length_m = errors_of_file(dem).length_m
+            found["height_length_m"][dem.product] = length_m
+            if "position_sigma_m" in found:
+                found["position_sigma_m"][dem.product] = PLACE_PER_LENGTH * length_m
+    return {"by_place": found} if found else {}
+
+
 def _resolved(recipe: Recipe) -> BuildConfig:
     """The configuration with the values that were derived from the DEM, without folders."""
     config, area = recipe.config, recipe.config.area
@@ -254,7 +276,8 @@ def _resolved(recipe: Recipe) -> BuildConfig:
     if not config.points.promised:  # else it is the side of cells alone
         points = dataclasses.replace(points, spacing_m=spacing_m(config))
     section = dataclasses.replace(config.model.portable, reflectance=recipe.law.model.name)
-    known = ErrorConfig(**recipe.errors.to_dict())
+    figures = recipe.errors.to_dict().items()
+    known = ErrorConfig(**{name: one for name, one in figures if name not in recipe.by_place})
     return dataclasses.replace(
         config, area=area, dem=config.dem.portable, points=points, model=section, errors=known
     )

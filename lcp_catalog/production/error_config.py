@@ -6,14 +6,11 @@ import dataclasses
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..dem.products import PLACE_PER_LENGTH
 from ..fields import check_fields, meant
 
 if TYPE_CHECKING:
     from ..landmarks.error_model import ErrorModel
-
-PLACE_PER_LENGTH = 38.0 / 530.0
-"""1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15,
-together with `ErrorConfig.moving_share`; with maps of Apollo 16 it is 150 of 1420 m."""
 
 
 @dataclass(frozen=True)
@@ -85,5 +82,10 @@ class ErrorConfig:
         derived = {"height_sigma_m": height_sigma_m, "height_length_m": height_length_m}
         given = {k: v for k, v in dataclasses.asdict(self).items() if v is not None}
         whole = derived | given
-        place_m = float(f"{PLACE_PER_LENGTH * whole['height_length_m']:.3g}")
+        place_m = place_for(whole["height_length_m"])
         return ErrorModel(**({"position_sigma_m": place_m} | whole))
+
+
+def place_for(length_m: float) -> float:
+    """1 sigma of a patch's place, each axis, metres, for a correlation length of height errors."""
+    return float(f"{PLACE_PER_LENGTH * length_m:.3g}")

@@ -53,53 +53,59 @@ STEP = 0.05
 most 2.5 % of the 1 sigma and of the length.
 """
 
-_LEAST_M = 1e-3
+_LEAST_M = math.exp(-7.0)
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceErrors:
-    """The error models of n candidates: ``which`` (n,) of ``models``."""
+    """The error models of n candidates: ``which`` (n,) of ``models``; ``place_m`` (n,): 1 sigma, for each axis, of their
+    places, NaN: that of the models, which are alike in all but heights.
+    """
 
     models: tuple[ErrorModel, ...]
     which: Index
+    place_m: Array
 
     @classmethod
     def alike(cls, model: ErrorModel, count: int) -> PlaceErrors:
         """One model for all candidates."""
-        return cls((model,), np.zeros(count, np.int64))
+        return cls((model,), np.zeros(count, np.int64), np.full(count, np.nan))
 
     @classmethod
     def of_heights(
-        cls, model: ErrorModel, sigma_m: Array, length_m: Array, step: float = STEP
+        cls,
+        model: ErrorModel,
+        sigma_m: Array,
+        length_m: Array,
+        step: float | None = STEP,
+        place_m: Array | None = None,
     ) -> PlaceErrors:
-        """A build's model with the 1 sigma and the correlation length of height errors (n,) of each
-        place; NaN: those of the model. A figure equal to the model's is kept as it is; others are
-        rounded to steps of the logarithm.
+        """A build's model with the 1 sigma and the correlation length of height errors (n,) of each place, and of the
+        place itself; NaN: those of the model. Figures of heights are rounded to steps of the logarithm of metres, so
+        that a place has the same ones in every build; None: they are few and kept as they are.
         """
-        base = max(model.height_sigma_m, _LEAST_M), model.height_length_m
-        steps = [
-            np.rint(
-                np.log(np.maximum(np.where(np.isfinite(own), own, figure), _LEAST_M) / figure)
-                / step
-            )
-            for own, figure in zip((sigma_m, length_m), base, strict=True)
-        ]
-        found, which = np.unique(np.stack(steps, axis=1), axis=0, return_inverse=True)
+        own, figures = (sigma_m, length_m), (model.height_sigma_m, model.height_length_m)
+        whole = [np.maximum(part, _LEAST_M) for part in own]
+        if step is not None:
+            whole = [np.exp(step * np.rint(np.log(part) / step)) for part in whole]
+        whole = [np.where(np.isfinite(a), a, b) for a, b in zip(whole, figures, strict=True)]
+        found, which = np.unique(np.stack(whole, axis=1), axis=0, return_inverse=True)
         models = tuple(
-            model
-            if not many.any()
-            else dataclasses.replace(
-                model,
-                height_sigma_m=float(base[0] * np.exp(step * many[0])),
-                height_length_m=float(base[1] * np.exp(step * many[1])),
-            )
-            for many in found
+            dataclasses.replace(model, height_sigma_m=float(a), height_length_m=float(b))
+            for a, b in found
         )
-        return cls(models, which.reshape(-1))
+        place_m = np.full(len(sigma_m), np.nan) if place_m is None else place_m
+        return cls(models, which.reshape(-1), place_m)
+
+    def place_sigma_m(self, cell_m: float) -> Array:
+        """`ErrorModel.place_sigma_m` (n,) of the candidates, in cells of one size."""
+        model = self.models[0]
+        own = np.where(np.isfinite(self.place_m), self.place_m, model.position_sigma_m)
+        return np.maximum(own, model.position_sigma_cells * cell_m)
 
     def rows(self, some: NDArray[np.int64]) -> PlaceErrors:
         """A selection of the candidates."""
-        return PlaceErrors(self.models, self.which[some])
+        return PlaceErrors(self.models, self.which[some], self.place_m[some])
 
     def registration(
         self, patches: AnyArray, errors: PatchErrors, pixel_m: float, level: Array, pixels: Array
@@ -487,7 +493,7 @@ class _Judge:
             for part, values in zip(chances, checked, strict=True):
                 part[again] = values
         bias = np.where(np.isfinite(match.bias), match.bias, 0.0)
-        place = model.place_sigma_m(np.array(self.gsd_m)) ** 2 * np.eye(2)
+        place = models.place_sigma_m(self.gsd_m)[:, None, None] ** 2 * np.eye(2)
         moved = model.moving(self.light.contrast)[items.candidate, None, None]
         covariance = moved * match.covariance_px2 + bias[:, :, None] * bias[:, None]
         # axes of the patch: east and south; angles are clockwise from north

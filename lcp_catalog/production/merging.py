@@ -40,6 +40,7 @@ from ..geometry.map_plane import ORTHOGRAPHIC, MapPlane
 from ..landmarks.selection import Places, Status, nearest, select
 from ..terrain.area import Area
 from .config import BuildConfig
+from .error_config import place_for
 from .overlap import MergedPart, agreement, near_pairs
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, OVERVIEW_NODES, middles, ring_cells
 
@@ -128,8 +129,9 @@ _AXES = (
     "sun_azimuth",
 )
 
-_OF_PLACES = ("height_sigma_m", "height_length_m")
-"""Figures of the error model that follow from the DEM: catalogues may differ in them."""
+_OF_PLACES = ("height_sigma_m", "height_length_m", "position_sigma_m")
+"""Figures of the error model that follow from the DEM: catalogues may differ in them, in the last if no configuration
+states it."""
 
 _OF_FLAGS = ("min_lit_share", "max_dependence", "patch_nodes")
 """Settings by which flags mean the same."""
@@ -365,12 +367,15 @@ class _Merge:
 
     def _products(self) -> set[str]:
         """Names of the DEM products."""
-        return {
-            name
-            for catalog in self.catalogs
-            for rows in catalog.blocks("dem_product")
-            for name in catalog.part("dem_product", rows)
-        }
+        return set().union(*self._products_of_each)
+
+    @cached_property
+    def _products_of_each(self) -> list[set[str]]:
+        """Names of the DEM products of each input."""
+        return [
+            {name for rows in one.blocks("dem_product") for name in one.part("dem_product", rows)}
+            for one in self.catalogs
+        ]
 
     @property
     def _widest(self) -> Catalog:
@@ -391,7 +396,7 @@ class _Merge:
             config=merged_config(self.builds),
             sources=_distinct([one.sources for one in all_]),
             scene_plan=_merged_plan([one.scene_plan for one in all_]),
-            errors=_merged_errors([one.errors for one in all_]),
+            errors=_merged_errors([one.errors for one in all_], self._products_of_each),
             sigma_step_m=_sigma_step_m(all_),
             overview=overview,
             overview_levels=overview_levels(overview),
@@ -485,7 +490,10 @@ def _require_compatible(first: _Input, other: _Input) -> None:
     pairs.append(("patch_nodes", one.patch_nodes, two.patch_nodes))
     if one.albedo_map and two.albedo_map:
         pairs.append(("albedo_map", one.albedo_map, two.albedo_map))
-    for name in sorted((one.errors.keys() | two.errors.keys()) - {*_OF_PLACES}):
+    free = {*_OF_PLACES, "by_place"}
+    if not (_place_follows(one.errors) and _place_follows(two.errors)):
+        free -= {"position_sigma_m"}
+    for name in sorted((one.errors.keys() | two.errors.keys()) - free):
         pairs.append((f"errors.{name}", one.errors.get(name), two.errors.get(name)))
     mine, its = first.configs[0].points, other.configs[0].points
     pairs += [(f"points.{name}", getattr(mine, name), getattr(its, name)) for name in _OF_FLAGS]
@@ -529,15 +537,46 @@ def _merged_plan(plans: Sequence[Any]) -> Any:
     return {"decisions": _distinct([one for one in known if isinstance(one, list)])}
 
 
-def _merged_errors(models: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The error model; figures that follow from the DEM are lists where they differ."""
+def _place_follows(errors: dict[str, Any]) -> bool:
+    """True if the error of places was derived from the correlation length of heights."""
+    if "position_sigma_m" in errors.get("by_place", {}):
+        return True
+    length_m = errors.get("height_length_m")
+    return isinstance(length_m, float) and errors.get("position_sigma_m") == place_for(length_m)
+
+
+def _merged_errors(
+    models: Sequence[dict[str, Any]], products: Sequence[set[str]]
+) -> dict[str, Any]:
+    """The error model; figures that follow from the DEM are lists where they differ, and every point then has its own
+    (`Catalog.error_figure`). ``products``: names of the DEM products of each input.
+    """
     found = dict(models[0])
+    found.pop("by_place", None)
+    by_place = {}
     for name in _OF_PLACES:
         stated = [model[name] for model in models if name in model]
         figures = {f for one in stated for f in (one if isinstance(one, list) else [one])}
         if figures:
             found[name] = sorted(figures) if len(figures) > 1 else figures.pop()
-    return found
+        if isinstance(found.get(name), list) or any(name in m.get("by_place", ()) for m in models):
+            by_place[name] = _figures_of_products(name, models, products)
+    return found | ({"by_place": by_place} if by_place else {})
+
+
+def _figures_of_products(
+    name: str, models: Sequence[dict[str, Any]], products: Sequence[set[str]]
+) -> dict[str, float]:
+    """A figure of the error model of every product for which all inputs state the same one."""
+    found: dict[str, set[float | None]] = {}
+    for model, own in zip(models, products, strict=True):
+        stated = model.get(name)
+        alone = None if isinstance(stated, list) else stated
+        known = model.get("by_place", {}).get(name, dict.fromkeys(own, alone))
+        for product in own:
+            found.setdefault(product, set()).add(known.get(product))
+    single = {product: figures.pop() for product, figures in found.items() if len(figures) == 1}
+    return {product: figure for product, figure in sorted(single.items()) if figure is not None}
 
 
 def _sigma_step_m(catalogs: Sequence[Catalog]) -> float:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic_files import content_of, file_facts, state_of, sum_in_state
-from ..dem.error_maps import ErrorMaps, height_errors, warn_of_unknown
+from ..dem.error_maps import ErrorMaps, FigureMap, height_errors, warn_of_unknown
 from ..dem.mosaic import DemSet
 from ..errors import AreaError, AreaFailedError
 from ..landmarks.error_model import ErrorModel
@@ -99,8 +99,8 @@ _ERROR_PLACES = 33
 @dataclass(frozen=True)
 class Recipe:
     """All that determines the content of the areas of one cell size. ``config`` states this and the Suns;
-    ``law``: the reflectance model of all images; ``errors``: their error model, with the height errors
-    of the region. Small and picklable: maps and DEMs are read where they are used.
+    ``law``: the reflectance model of all images; ``errors``: their error model, with medians over the region of what
+    differs `by_place`. Small and picklable: maps and DEMs are read where they are used.
     """
 
     config: BuildConfig
@@ -144,6 +144,23 @@ class Recipe:
     def gsd_m(self) -> float:
         """Cell size of the patches, metres."""
         return self.config.gsd_m
+
+    @cached_property
+    def by_place(self) -> tuple[str, ...]:
+        """Names of the figures of the error model that every place has of its own DEM or map, so that no claim follows
+        the region; none where all files have the same. It follows from the files' names and the configuration alone.
+        """
+        own, maps = self.config.errors, self.maps or ErrorMaps()
+        facts = [dem.facts for dem in self.dems.dems]
+        sigma = {one.calibrated_sigma_m or one.sigma_m for one in facts}
+        length = {one.calibrated_length_m for one in facts}
+        names = []
+        if own.height_sigma_m is None and _differ(sigma, len(facts), maps.sigma):
+            names += ["height_sigma_m"]
+        if own.height_length_m is None and _differ(length, len(facts), maps.resolution):
+            names += ["height_length_m"]
+            names += ["position_sigma_m"] if own.position_sigma_m is None else []
+        return tuple(names)
 
     @cached_property
     def sources(self) -> tuple[int, ...]:
@@ -211,6 +228,13 @@ def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
     if path is None:
         return None
     return AlbedoMap.open(path, model.albedo_encoding, model.albedo_reference)
+
+
+def _differ(figures: set[float | None], files: int, one: FigureMap | None) -> bool:
+    """Whether a figure of the error model may differ between places: by a map, or between files of which it is not known
+    (None) before their heights are read.
+    """
+    return one is not None or (files > 1 and (None in figures or len(figures) > 1))
 
 
 def _error_model(

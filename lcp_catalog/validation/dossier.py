@@ -217,7 +217,7 @@ def _sigmas(catalog: Catalog) -> Array:
     for rows in np.array_split(np.arange(len(catalog)), max(1, len(catalog) // 500)):
         works = usable(catalog.part("condition", rows))
         major = np.asarray(catalog.part("sigma_major", rows, 0), np.float64)
-        place = catalog.place_sigma_m(catalog.gsd[rows])[:, None, None, None]
+        place = catalog.place_sigma_m(rows)[:, None, None, None]
         found.append(np.stack([major, np.broadcast_to(place, major.shape)])[:, works])
     values = np.concatenate(found, axis=1)
     return np.asarray(values[:, np.isfinite(values[0])])

@@ -11,10 +11,12 @@ from helpers import transplanted
 from lcp_cli.main import run
 
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.catalog.schema import PACKED
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
 from lcp_catalog.production.areas import AreaGrid
+from lcp_catalog.production.merging import merge_catalogs
 from lcp_catalog.production.model_config import ModelConfig
 
 pytestmark = pytest.mark.slow  # products of 60 to 150 MB and five builds: four minutes
@@ -123,7 +125,8 @@ def in_whole_areas(catalog: Catalog) -> np.ndarray:
 def test_the_same_point_from_either_side_has_the_same_id(at_75, straddling, tmp_path) -> None:
     """Catalogues of the regions south and north of the seam, and of both. Corners are measured by the strongest ones of
     an area's part of the region. In an area that a border cuts one may be found a cell or two away, whatever is claimed
-    (5 of 348 candidates farther than 2 km from the borders, found for regions 5 km smaller): it has another id.
+    (5 of 348 candidates farther than 2 km from the borders, found for regions 5 km smaller): it has another id. Points in
+    whole areas have the same claims, although one product has the larger part of the south and the other of the north.
     """
     south, north = (
         build(tmp_path / f"{k}.h5", at_75, "--bounds", *b, suns=AT_75)
@@ -137,6 +140,18 @@ def test_the_same_point_from_either_side_has_the_same_id(at_75, straddling, tmp_
         assert same[whole].all()
         np.testing.assert_array_equal(one.point_id[row] == other.point_id[column], same)
         assert set(one.dem_product[row[whole]]) == {"LDEM_512", "LDEM_75N_30M"}
+        row, column = row[whole & same], column[whole & same]
+        for name in PACKED:
+            mine, theirs = (np.asarray(getattr(c, name)) for c in (one, other))
+            np.testing.assert_array_equal(mine[row], theirs[column])
+        np.testing.assert_array_equal(one.place_sigma_m(row), other.place_sigma_m(column))
+    # the regions' medians differ, and do not keep the catalogues apart
+    assert south.errors["position_sigma_m"] != north.errors["position_sigma_m"]
+    assert merge_catalogs([tmp_path / "s.h5", tmp_path / "n.h5"], tmp_path / "m.h5").doubles > 0
+    assert set(open_catalog(tmp_path / "m.h5").errors["by_place"]) == {
+        "height_length_m",
+        "position_sigma_m",
+    }
 
 
 def test_the_seam_is_not_seen(at_75, tmp_path) -> None:

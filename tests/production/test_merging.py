@@ -18,12 +18,14 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare_catalogs
 from lcp_catalog.catalog.model import Promise
 from lcp_catalog.catalog.origins import Origin, origins
+from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.catalog.promise import kept_promise, promise_rows
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import Cause, usable
 from lcp_catalog.catalog.summary import describe
 from lcp_catalog.catalog.verification import verify
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
+from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.production import merging
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
 from lcp_catalog.production.merging import MergedMaps, merge_catalogs
@@ -440,9 +442,49 @@ def opened(catalog: Catalog, name: str) -> merging._Input:
 
 def test_errors_of_heights_may_differ() -> None:
     one, two = ({"height_sigma_m": sigma, "sensor_noise": 0.1} for sigma in (35.0, 20.0))
-    found = merging._merged_errors([one, two, two | {"height_sigma_m": [20.0, 30.0]}])
+    three = two | {"height_sigma_m": [20.0, 30.0], "by_place": {"height_sigma_m": {"C": 20.0}}}
+    found = merging._merged_errors([one, two, three], [{"A", "D"}, {"A", "B"}, {"C", "D", "E"}])
+    figures = found.pop("by_place")
     assert found == {"height_sigma_m": [20.0, 30.0, 35.0], "sensor_noise": 0.1}
-    assert merging._merged_errors([one, one]) == one
+    # A: two figures; D, E: by what a point states of its DEM, in the third
+    assert figures == {"height_sigma_m": {"B": 20.0, "C": 20.0}}
+    assert merging._merged_errors([one, one], [{"A"}, {"A"}]) == one
+
+
+def test_errors_of_places_may_differ_where_no_configuration_states_them(
+    paths: list[Path], inputs: list[Catalog], tmp_path: Path
+) -> None:
+    """Each point of the merged catalogue has that of its own product, and positions are foreseen from it."""
+    derived = {"height_length_m": 300.0, "position_sigma_m": 21.5}
+    derived |= {"height_sigma_m": 12.0}
+    other = replace(
+        inputs[1],
+        errors=inputs[1].errors | derived,
+        dem_product=np.array(["OTHER"] * len(inputs[1]), object),
+    )
+    one = replace(inputs[0], errors=inputs[0].errors | {"position_sigma_m": 43.0})
+    assert inputs[0].errors["height_length_m"] == 600.0
+    merge_catalogs(written(tmp_path, [one, other], "p"), tmp_path / "m.h5")
+    found = read(tmp_path / "m.h5")
+    assert found.errors["position_sigma_m"] == [21.5, 43.0]
+    rows = np.arange(len(found))
+    mine = found.dem_product == "OTHER"
+    assert 0 < mine.sum() < len(found)
+    np.testing.assert_array_equal(found.place_sigma_m(rows), np.where(mine, 21.5, 43.0))
+    np.testing.assert_allclose(found.slope_sigma(rows), np.where(mine, 12.0 / 300.0, 20.0 / 600.0))
+    sun, view = (np.tile(direction_enu(90.0, e), (len(rows), 1)) for e in (12.0, 80.0))
+    claims = predict(found, rows, sun, view, found.gsd)
+    for part, catalog in ((mine, other), (~mine, one)):
+        own = np.flatnonzero(np.isin(catalog.point_id, found.point_id[part]))
+        own = own[np.argsort(catalog.point_id[own])]
+        here = np.flatnonzero(part)[np.argsort(found.point_id[part])]
+        alone = predict(catalog, own, sun[: len(own)], view[: len(own)], catalog.gsd[own])
+        np.testing.assert_allclose(
+            claims.detection_probability[here], alone.detection_probability, rtol=1e-6
+        )
+    stated = replace(other, errors=other.errors | {"position_sigma_m": 30.0})
+    with pytest.raises(CatalogError, match=r"errors.position_sigma_m is 30.0, not 43.0"):
+        merging._require_compatible(opened(one, "a.h5"), opened(stated, "b.h5"))
 
 
 def test_different_albedo_maps(inputs: list[Catalog]) -> None:
