@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .exports.cameras import export_cameras as export_cameras
     from .exports.export import export as export
     from .images.image import Image as Image
+    from .images.image_file import ImageOptions as ImageOptions
     from .images.image_file import open_image as open_image
     from .light.sun_choice import Sun as Sun
     from .light.sun_choice import SunChoice as SunChoice
@@ -67,6 +68,7 @@ _MODULES = {
     "Detector": "simulation.detector",
     "Fix": "matching.position_fix",
     "Image": "images.image",
+    "ImageOptions": "images.image_file",
     "LcpError": "errors",
     "SpiceCamera": "cameras.spice",
     "Sun": "light.sun_choice",

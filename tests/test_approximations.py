@@ -301,8 +301,10 @@ def test_an_approximation_has_one_figure_for_its_error(one: Approximation) -> No
         assert said & set(re.findall(r"\d+(?:\.\d+)?", one.bound.replace(".0 m", " m"))), one.bound
     elif error.basis == ON_SAMPLE:
         shares = [float(found) for found in re.findall(r"([\d.]+) % \(", one.sample)]
+        (points,) = re.findall(r" with (\d+) points", SAMPLE)
         lost = [
-            100.0 * max(map(int, found)) / 28 for found in re.findall(r"(\d+)/(\d+)", one.sample)
+            100.0 * max(map(int, found)) / int(points)
+            for found in re.findall(r"(\d+)/(\d+)", one.sample)
         ]
         assert error.value == pytest.approx(
             max(lost if "points" in error.what else shares), rel=0.03

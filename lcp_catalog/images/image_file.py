@@ -361,6 +361,13 @@ class ImageOptions:
     by angles; None for the image's centre. ``off_nadir_deg``, ``view_azimuth_deg``: viewing
     direction of a map-projected image. ``encoding``: ``linear`` for integer samples proportional to
     radiance, ``srgb`` for codes of a display image. ImageError for another encoding.
+
+    Examples
+    --------
+    >>> scan = lcp.ImageOptions(encoding="srgb")
+    >>> decoded = lcp.open_image(folder / "AS15-M-0414.png", camera, options=scan)
+    >>> round(float(decoded.signal[decoded.valid].max()), 2)
+    0.99
     """
 
     band: int | None = None

@@ -43,7 +43,7 @@ def _worth(row: Row) -> str:
     """What points are worth beside those of the configuration, and its interval."""
     around = row["usable_interval"]
     between = f" ({around[0]:.2f} to {around[1]:.2f})" if around else ""
-    return number_or_dash(row["usable_ratio"]) + between
+    return "–" if row["usable_ratio"] is None else f"{row['usable_ratio']:.2f}{between}"
 
 
 def _value(row: Row) -> str:
@@ -72,7 +72,7 @@ KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
     ("memory, MB", lambda r: f"{r['memory_mb']:.0f}"),
     ("file, MB", lambda r: f"{1e-6 * r['bytes']:.2f}"),
     ("sigma, times", lambda r: number_or_dash(r["sigma_ratio"], 3)),
-    ("shift, cells", lambda r: number_or_dash(r["shift_cells"])),
+    ("shift, cells", lambda r: number_or_dash(r["shift_cells"] and round(r["shift_cells"], 9))),
     ("wrong shadow", lambda r: share_text(r["sunlit_error_share"])),
     ("promise", lambda r: number_or_dash(r["promise_change"])),
 )
