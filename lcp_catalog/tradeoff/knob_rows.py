@@ -164,10 +164,11 @@ def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
         for one in (usual, found)
     ]
     worth = np.stack([_worth(one, areas) for one in (found, usual)], axis=1)
-    # two passes evaluate what a promise takes of the region, which some areas do not tell
-    told = worth[:, 1].sum() > 0.0 and (
-        own.points.passes == config.points.passes or not own.points.promised
-    )
+    # of some areas alone: two passes evaluate what a promise takes of the region, and areas of another size have other borders,
+    # where no point of a neighbour is near
+    alike = own.points.passes == config.points.passes or not own.points.promised
+    same = sample.same_areas(found.level) or areas == len(sample.level.jobs)
+    told = worth[:, 1].sum() > 0.0 and alike and same
     lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
     areas_s, around_s = found.areas_s()
     start_s = sample.start_s(found.level)

@@ -27,7 +27,7 @@ KNOBS_EXPLAINED = (
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
     + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
-    f" (worth, in brackets the 90 % interval of the mean over areas; a dash: two passes evaluate what a promise takes of the whole region, which these areas do not tell)."
+    f" (worth, in brackets the 90 % interval of the mean over areas; a dash: some areas do not tell it of areas of another size, whose borders are others, where all areas do, nor of two passes, which evaluate what a promise takes of the whole region)."
     " Points: chosen among the measured areas by spacing; all areas tell the promise."
 )
 

@@ -207,7 +207,7 @@ def test_the_configuration_for_an_error_holds_in_two_builds(
     toml = tmp_path / "build.toml"
     toml.write_text(E2E)
     folder = tmp_path / "trade"
-    asked = ["--max-error", "0.05", "--areas", "3", "--rounds", "1", "--time-limit", "900"]
+    asked = ["--max-error", "0.05", "--areas", "all", "--rounds", "1", "--time-limit", "900"]
     assert run(["trade", DEM, "-o", str(folder), "--config", str(toml), *asked]) == 0
     capsys.readouterr()
     document = json.loads((folder / "trade.json").read_text())

@@ -109,12 +109,16 @@ def test_rows_are_the_contracts_and_count_what_changes(found: Trade, build: Buil
             ("conditions_changed_share", "interval", "elsewhere"),
             ("build_seconds", "build_interval"),
         ):
-            limits = [limit for name in around for limit in row[name]]
+            limits = [limit for name in around for limit in row[name] or ()]
             assert all(
                 low <= row[value] <= high
                 for low, high in zip(limits[::2], limits[1::2], strict=True)
             )
         assert row["build_seconds"] > row["build_start_seconds"] > 0.0
+    # areas of another size have other borders, which two of them do not tell
+    untold = {name for name, row in rows.items() if row["usable_ratio"] is None}
+    assert untold == {name for name, row in rows.items() if row["usable_interval"] is None}
+    assert untold == {"direction"}
 
 
 def test_an_interval_is_that_of_the_share_of_all_areas() -> None:
