@@ -201,7 +201,7 @@ mode_options = collected(
         "plan",
         is_flag=True,
         help="Print the number of areas and conditions, and estimates of time, file size and memory; with `lcp -v` also the "
-        "decisions of the scene plan. Two areas are computed for the estimates; nothing is written.",
+        "decisions of the scene plan. Up to five areas are computed for the estimates; nothing is written.",
     ),
     click.option(
         "--json",

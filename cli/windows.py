@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from lcp_catalog.choices import SITE_KM
+
 from . import options
 from .build_options import field_option
 from .files import FileCommand, InputFile
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 """The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
-
-DEFAULT_SIZE_KM = 20.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ site_options = collected(
         "size_km",
         type=POSITIVE,
         metavar="KM",
-        help=f"Side length of the square site; default: {DEFAULT_SIZE_KM:g}.",
+        help=f"Side length of the square site; default: {SITE_KM:g}.",
     ),
     click.option(
         "--off-nadir",
@@ -145,7 +145,7 @@ def command(
             opened,
             center,
             range_of(span),
-            size_km=site.size_km or DEFAULT_SIZE_KM,
+            size_km=site.size_km or SITE_KM,
             gsd_m=site.gsd_m,
             off_nadir_deg=site.off_nadir or 0.0,
             view_azimuth_deg=site.view_azimuth or 0.0,

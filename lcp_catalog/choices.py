@@ -105,3 +105,7 @@ FORMATS = (
 def same_format(ending: str) -> set[str]:
     """Endings of the format of an ending in lower case, with its dot; empty for one that is in no format's list."""
     return next((one for one in FORMATS if ending in one), set())
+
+
+SITE_KM = 20.0
+"""Default side of the square site of `windows`."""

@@ -54,8 +54,8 @@ BUDGETS = {
     # 37: 82 the interval of what points are worth, slow alternatives on as many areas as there is time for, processes of a
     # trade that stay
     # 35: 91 errors of a place that do not follow the region: a place's own, in builds, merged catalogues and their claims
-    # 37: 2 the options of an image from Python
-    "code lines, lcp_catalog": 49413,
+    # 33, 37: 4 the options of an image from Python, one default of a site's size
+    "code lines, lcp_catalog": 49415,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue

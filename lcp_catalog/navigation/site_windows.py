@@ -19,6 +19,7 @@ from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.prediction import predict
 from ..catalog.shards import Shard
 from ..catalog.stored import narrowed
+from ..choices import SITE_KM
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.solar_position import apparent_sun, sun_table
 from ..ephemeris.times import Instants, Times, instants
@@ -217,7 +218,7 @@ def windows(
     center: tuple[float, float],
     times: Times,
     *,
-    size_km: float = 60.0,
+    size_km: float = SITE_KM,
     gsd_m: float | None = None,
     off_nadir_deg: float = 0.0,
     view_azimuth_deg: float = 0.0,
