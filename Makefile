@@ -9,7 +9,7 @@ unexport PYTHONDONTWRITEBYTECODE  # processes that start later need not compile 
 
 .DELETE_ON_ERROR:
 .PHONY: all venv catalog test check test-slow docs wheel evidence bench bench-build bench-peers bench-query bench-merge soak \
-        flight judges coverage mutants help clean
+        flight coverage mutants help clean
 
 all: catalog
 
@@ -74,10 +74,6 @@ soak: $(READY) ## kills, full disks, damaged files and damaged inputs, for hours
 flight: $(READY) ## the C reference of the flight file: its vector, sanitizers, 7200 points of frames beside Python, and what it needs
 	$(BIN)/python -m pytest tests/flight
 	$(BIN)/python -m benchmarks.flight
-
-judges: $(READY) ## SPICE with JPL's ephemeris, Mitsuba, checkers of CF, GeoParquet and COG judge what is computed and written
-	$(INSTALL) --group judges
-	LCP_JUDGES=1 $(BIN)/python -m pytest tests/judges
 
 coverage: $(READY) ## the fast tests with the share of lines that they run
 	$(INSTALL) --group coverage

@@ -1,4 +1,4 @@
-"""Programs and data of others judge what lcp computes and writes: `make judges` installs and runs them.
+"""Programs and data of others judge what lcp computes and writes: `.ci/judges` installs and runs them.
 
 SPICE with JPL's DE440 and the DE421 lunar frame, IOOS's compliance checker (CF), a GeoParquet and a
 cloud-optimised GeoTIFF validator; Mitsuba 3 (shadows and ranges); QGIS's libraries where a Python of the system has them.
@@ -36,10 +36,10 @@ SAMPLE = catalogs.HADLEY
 
 
 def installed(name: str) -> Any:
-    """A judge's module. `make judges` demands it (``LCP_JUDGES``); elsewhere its test is skipped."""
+    """A judge's module. `.ci/judges` demands it (``LCP_JUDGES``); elsewhere its test is skipped."""
     if "LCP_JUDGES" in os.environ:
         return importlib.import_module(name)
-    return pytest.importorskip(name, reason="make judges installs it")
+    return pytest.importorskip(name, reason=".ci/judges installs it")
 
 
 TIMES = [f"{year}-{month:02d}-{day:02d}T0{month % 10}:30:00" for year in range(1971, 2050, 3)
