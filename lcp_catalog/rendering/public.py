@@ -297,7 +297,7 @@ def render(
     disc: bool | None = None,
     environment: Environment | Path | str | None = None,
     earthshine: bool = False,
-    bounce: str = "off",
+    bounce: str = "auto",
     camera: AnySensor | Path | str | None = None,
     camera_plane: bool = False,
     off_nadir_deg: float = 0.0,
