@@ -127,6 +127,7 @@ def command(
     echo(markdown(found), nl=False)
     some, of = found.compared["areas"], found.compared["areas_of"]
     many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternative{'s' * (len(found.rows) != 2)} on {some}"
-    if areas not in (None, ALL) and int(areas) > of:
-        say(f"{output}: --areas {areas}, of which the build has {of}")
+    if areas not in (None, ALL) and int(areas) > some:
+        few = f"; {some} computed: the border halves the others, or the time ended" * (some < of)
+        say(f"{output}: --areas {areas}, of which the build has {of}{few}")
     say(f"{output}: {many} of {of} area{'s' * (of != 1)}")

@@ -227,7 +227,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "light by way of other ground",
         Figure(1.4, "%", "the usable conditions, 84 N; 0.3 to 1.0 on the sample", MEASURED),
-        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet) for a node, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.3 to 1.0 % of the usable conditions of the sample are others, in 21 to 34 times the time, around 84 N 1.4 %, in 110 times (measured, ede1714, 7bb57269, 2b1335ac, 2026-11-27, b37b71ce, 2026-11-28)",
+        "R² Omega / pi (R: greatest radiance factor, Omega: solid angle of the terrain above a facet) for a node, stated by the scene plan; 0.35 to 1.06 % of the brightest ground in craters; with it 0.3 to 1.0 % of the usable conditions of the sample are others, in 18 to 36 times the time, around 84 N 1.4 %, in 110 times (measured, ede1714, 7bb57269, 2b1335ac, 2026-11-27, b37b71ce, 2026-11-28)",
         ("model.bounce",), alternatives.choices("model.bounce", "off", "on", usual="off"),
         effects=("scattered light",), constants=("light.bounced_light.SHOWS", "light.bounced_light.BOUNCE_RMS", "light.bounced_light._CODE", "light.bounced_light._SAMPLED"), slower=(21.0, 110.0), expected=0.01,
         fineness=lambda c: c.model.bounce == "on",

@@ -168,7 +168,7 @@ def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
     # where no point of a neighbour is near
     alike = own.points.passes == config.points.passes or not own.points.promised
     same = sample.same_areas(found.level) or areas == len(sample.level.jobs)
-    told = worth[:, 1].sum() > 0.0 and alike and same
+    told = worth[:, 1].sum() > 0.0 and alike and same and areas == areas_of
     lost, gained = (int((nearest(a, b)[1] > near_m).sum()) for a, b in (chosen, chosen[::-1]))
     areas_s, around_s = found.areas_s()
     start_s = sample.start_s(found.level)

@@ -27,7 +27,7 @@ KNOBS_EXPLAINED = (
     "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
     + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
-    f" (worth, in brackets the 90 % interval of the mean over areas; a dash: some areas do not tell it of areas of another size, whose borders are others, where all areas do, nor of two passes, which evaluate what a promise takes of the whole region)."
+    f" (worth, in brackets the 90 % interval of the mean over areas; a dash: not known. Areas of another size have other borders: only all areas tell it of them. With a promise two passes evaluate what it takes of the whole region)."
     " Points: chosen among the measured areas by spacing; all areas tell the promise."
 )
 
@@ -156,7 +156,7 @@ def _elsewhere(row: Row) -> list[str]:
     said = []
     if near:
         said += [
-            f"On as many other areas of such ground with these Suns {share_text(near[0])} to {share_text(near[1])} change (90 %)."
+            f"On as many other areas of such ground with these Suns {share_text(near[0])} to {share_text(near[1])} of the conditions change (90 % interval)."
         ]
     limit = (
         f"On other ground up to {OTHER_GROUND:g} times as much changed where it was compared ({share_text(far[1])}): measure there."

@@ -119,6 +119,9 @@ def test_more_areas_than_there_are_are_said(
         flags = ["--config", config, "--areas", areas]
         assert run(["trade", DEM, "-o", str(tmp_path / "t"), *flags]) == 0
         assert ("--areas 3, of which the build has 2\n" in capsys.readouterr().err) == said
+    document |= {"areas": 1, "areas_of": 9}
+    assert run(["trade", DEM, "-o", str(tmp_path / "t"), "--config", config, "--areas", "2"]) == 0
+    assert "--areas 2, of which the build has 9; 1 computed: " in capsys.readouterr().err
 
 
 def test_what_is_there_is_kept(
