@@ -398,7 +398,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "height errors of a product",
         Figure(3.7, "%", "the usable conditions, twice the 1 sigma of heights", MEASURED),
         "24.5 m and 530 m calibrated for GLD100 with frames; for a product without a figure the same shares of what it resolves (2.45 and 50 %). On 50 km of the sample the published 20 m change 0.39, half 0.93, twice 3.7 %, lengths of 375 and 750 m 0.14 and 0.35 % of the usable conditions (8c7b1a90, 2026-11-28); a patch's place 7.2 % of the length, 10.6 with maps of Apollo 16",
-        constants=("dem.error_maps.SIGMA_PER_RESOLUTION", "dem.error_maps.LENGTH_PER_RESOLUTION", "dem.products.PLACE_PER_LENGTH"),
+        constants=("dem.error_maps.SIGMA_PER_RESOLUTION", "dem.products.LENGTH_PER_RESOLUTION", "dem.products.PLACE_PER_LENGTH"),
         unpriced="no alternative of its own: `errors.height_sigma_m`, `errors.height_length_m` and maps replace them", price="none: numbers",
     ),
     Approximation(

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from ..arrays import AnyArray, Array, Index
 from ..constants import FRAME, MOON_RADIUS_M
-from ..dem.products import PLACE_PER_LENGTH
 from ..errors import CatalogError, ConfigError, not_a, package, unknown_keys
 from ..geometry.bounds import Bounds
 from ..landmarks.error_model import ErrorModel, local_contrast
@@ -37,6 +36,7 @@ from .layout import (
     sigma_step_m,
 )
 from .model import BLOCK_BYTES, CatalogParts, StoredArray, held
+from .point_errors import error_figure
 from .schema import COVERAGE_UNKNOWN, NO_CELL, OPTIONAL, PACKED, SCHEMA_VERSION, universal, usable
 from .shards import SHARDS
 
@@ -468,32 +468,7 @@ class Catalog(CatalogParts):
         that is no match's.
         """
         least = ErrorModel.from_dict(self.errors).position_sigma_cells * self.gsd[rows]
-        return np.maximum(self.error_figure("position_sigma_m", rows), least)
-
-    def error_figure(self, name: str, rows: Index) -> Array:
-        """A figure of the error model at points (rows (n,)): ``height_sigma_m``, ``height_length_m`` or
-        ``position_sigma_m``, (n,) metres. Where ``errors`` has it "by_place", it is the product's that is stated there, or
-        else by the point's ``elevation_sigma`` or ``dem_resolution``; one for all points otherwise.
-        """
-        from ..dem.error_maps import LENGTH_PER_RESOLUTION
-
-        found = np.full(len(rows), getattr(ErrorModel.from_dict(self.errors), name))
-        known = self.errors.get("by_place", {}).get(name)
-        if known is None:
-            return found
-        per_m = LENGTH_PER_RESOLUTION * (PLACE_PER_LENGTH if name == "position_sigma_m" else 1.0)
-        of_height = name == "height_sigma_m"
-        own = self.elevation_sigma[rows] if of_height else per_m * self.dem_resolution[rows]
-        found = np.where(np.isfinite(own), own, found)
-        product = self.part("dem_product", rows)
-        for named, figure in known.items():
-            found[product == named] = figure
-        return found
-
-    def slope_sigma(self, rows: Index) -> Array:
-        """1 sigma (n,) of the slopes' errors at points (rows (n,)): that of heights over their correlation length."""
-        heights = self.error_figure("height_sigma_m", rows)
-        return heights / self.error_figure("height_length_m", rows)
+        return np.maximum(error_figure(self, "position_sigma_m", rows), least)
 
     def moving(self, rows: Index) -> Array:
         """Share (n,) of the covariance of matches in an image's noise by which points (rows (n,)) are displaced

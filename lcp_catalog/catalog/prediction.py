@@ -18,6 +18,7 @@ from ..geometry.frames import direction_enu
 from ..landmarks.point_spread import border_px, sharper_sigma
 from ..landmarks.relief_signal import log_of, log_signal, peak_height, probability_at, relief_signal
 from .catalogue import Catalog
+from .point_errors import slope_sigma
 from .schema import DETECTION_STEP, PACKED, UNOCCLUDED, UNSHADOWED, reaches
 
 VIEW_REACH_DEG = 20.0
@@ -148,7 +149,7 @@ def predict(
     inside = np.flatnonzero(~(scale | at_view | elevation | azimuth))
     found = _none(len(rows))
     if len(inside):
-        slope = catalog.slope_sigma(rows[inside])
+        slope = slope_sigma(catalog, rows[inside])
         bright = float(catalog.errors.get("albedo_sigma", 0.0))
         signal = log_signal(sun[inside], view[inside], bright, slope)
         reduced = np.broadcast_to(factor, len(rows))[inside]

@@ -25,7 +25,7 @@ from ..errors import DemError
 from .dem import Dem
 from .grid import Grid
 from .mosaic import DemSet
-from .products import UNKNOWN
+from .products import LENGTH_PER_RESOLUTION, UNKNOWN
 from .raster import Gridded, Raster, grid_of, open_dataset, unit_m
 
 log = logging.getLogger(__name__)
@@ -186,11 +186,6 @@ class ErrorMaps:
         )
         return sigma, np.where(resolution > 0.0, resolution, np.nan)
 
-
-LENGTH_PER_RESOLUTION = 0.5
-"""Correlation length of height errors (l of exp(-r^2 / (2 l^2))) over the effective resolution,
-where no calibration gives the length.
-"""
 
 SIGMA_PER_RESOLUTION = 0.0245
 """1 sigma of height errors over the effective resolution, for a product without a figure: that of GLD100's calibration

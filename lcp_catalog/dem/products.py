@@ -61,6 +61,11 @@ _BURNS_2012 = (
     "vertical precision 1 to 2 m (the larger is taken); no true resolution is stated"
 )
 
+LENGTH_PER_RESOLUTION = 0.5
+"""Correlation length of height errors (l of exp(-r^2 / (2 l^2))) over the effective resolution,
+where no calibration gives the length.
+"""
+
 PLACE_PER_LENGTH = 38.0 / 530.0
 """1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15,
 together with `production.error_config.ErrorConfig.moving_share`; with maps of Apollo 16 it is 150 of 1420 m."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
 from ..catalog.catalogue import Catalog
+from ..catalog.point_errors import slope_sigma
 from ..catalog.prediction import ViewMesh, view_plane
 from ..catalog.schema import (
     DETECTION_STEP,
@@ -134,7 +135,7 @@ def write_flight(
         "sigma_log_step": np.log(largest / least) / (NONE - 1), "radius_m": MOON_RADIUS_M,
         "position_sigma_m": float(points.sigma_m[0].max()),
         "triangles": len(triangles), "albedo_sigma": float(errors.get("albedo_sigma", 0.0)),
-        "slope_sigma": float(np.median(catalog.slope_sigma(points.rows))),
+        "slope_sigma": float(np.median(slope_sigma(catalog, points.rows))),
         "catalog_sha256": bytes.fromhex(content_sha256(catalog) if catalog.path else "00" * 32),
     }.items():  # fmt: skip
         header[name] = value

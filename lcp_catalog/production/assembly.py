@@ -244,7 +244,7 @@ def _known(figures: list[float | None]) -> Array:
 
 
 def _by_place(recipe: Recipe) -> dict[str, Any]:
-    """What `Catalog.error_figure` reads: the figures that differ by place, and for which products they do not follow from
+    """What `catalog.point_errors` reads: the figures that differ by place, and for which products they do not follow from
     what a point states of its DEM.
     """
     found: dict[str, dict[str, float]] = {name: {} for name in recipe.by_place}

@@ -549,7 +549,7 @@ def _merged_errors(
     models: Sequence[dict[str, Any]], products: Sequence[set[str]]
 ) -> dict[str, Any]:
     """The error model; figures that follow from the DEM are lists where they differ, and every point then has its own
-    (`Catalog.error_figure`). ``products``: names of the DEM products of each input.
+    (`catalog.point_errors`). ``products``: names of the DEM products of each input.
     """
     found = dict(models[0])
     found.pop("by_place", None)

@@ -19,7 +19,6 @@ from lcp_catalog.atomic_files import file_facts
 from lcp_catalog.dem import products
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.error_maps import (
-    LENGTH_PER_RESOLUTION,
     ErrorMaps,
     FigureMap,
     errors_of_file,
@@ -27,6 +26,7 @@ from lcp_catalog.dem.error_maps import (
     height_step_m,
 )
 from lcp_catalog.dem.mosaic import DemSet
+from lcp_catalog.dem.products import LENGTH_PER_RESOLUTION
 from lcp_catalog.errors import DemError
 
 STEP_DEG = 0.25

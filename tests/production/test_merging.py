@@ -18,6 +18,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare_catalogs
 from lcp_catalog.catalog.model import Promise
 from lcp_catalog.catalog.origins import Origin, origins
+from lcp_catalog.catalog.point_errors import slope_sigma
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.catalog.promise import kept_promise, promise_rows
 from lcp_catalog.catalog.report import render_report
@@ -471,7 +472,7 @@ def test_errors_of_places_may_differ_where_no_configuration_states_them(
     mine = found.dem_product == "OTHER"
     assert 0 < mine.sum() < len(found)
     np.testing.assert_array_equal(found.place_sigma_m(rows), np.where(mine, 21.5, 43.0))
-    np.testing.assert_allclose(found.slope_sigma(rows), np.where(mine, 12.0 / 300.0, 20.0 / 600.0))
+    np.testing.assert_allclose(slope_sigma(found, rows), np.where(mine, 12.0 / 300.0, 20.0 / 600.0))
     sun, view = (np.tile(direction_enu(90.0, e), (len(rows), 1)) for e in (12.0, 80.0))
     claims = predict(found, rows, sun, view, found.gsd)
     for part, catalog in ((mine, other), (~mine, one)):
