@@ -17,7 +17,6 @@ import gc
 import os
 import re
 import shutil
-import signal
 import sys
 import tempfile
 import time
@@ -32,6 +31,7 @@ import numpy as np
 from lcp_cli.main import run
 
 from benchmarks.faults import failing
+from benchmarks.markdown import table
 from lcp_catalog.production import executor
 from lcp_catalog.tradeoff import measurement
 from tests.helpers import small_commands
@@ -87,9 +87,8 @@ def _tried(given: argparse.Namespace, folder: Path) -> int:
         if status:
             failed.append(name)
     files = [folder / f"{_file(name)}.row" for name in given.only]
-    rows = [file.read_text() for file in files if file.exists()]
-    print("\n| command | " + " | ".join(given.kinds) + " |\n| --- |" + " ---: |" * len(given.kinds))
-    print("".join(rows), end="")
+    rows = [file.read_text().split("\n") for file in files if file.exists()]
+    print(f"\n{table(['command', *given.kinds], rows)}")
     print(f"wrong: {failed or 'nothing'}")
     return 1 if failed else 0
 
@@ -124,11 +123,7 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
     workers = measurement.Workers
     # the tiers of `trade` run here, not in processes that each import all anew: no option of the command does that
     measurement.Workers = lambda isolated: workers(isolated=False)  # type: ignore[assignment,misc]  # for a class
-    # likewise workers of a build are forks of the command, which end by SIGTERM as those of the fork server do
-    pool, begin = executor._new_pool, executor._begin_worker
-    executor._new_pool = lambda jobs, method=None: pool(jobs, method or "fork")
-    executor._begin_worker = lambda: (signal.signal(signal.SIGTERM, signal.SIG_DFL), begin())[1]
-    executor.start_early = lambda: None
+    executor.START_METHOD = "fork"  # likewise workers of a build are forks of the command
     attempts = failing.Attempts(folder / _file(name))
     inputs = words.inputs(folder / "inputs")
     _warm(attempts, words, inputs)
@@ -154,9 +149,9 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
                     f"{name}{' --overwrite' if old else ''}: {fault} ({ended.failed}): {outcome}",
                     flush=True,
                 )
-    row = f"| `{name}` | {' | '.join(_cell(found[kind]) for kind in given.kinds)} |"
-    (folder / f"{_file(name)}.row").write_text(f"{row}\n")
-    print(f"{row} {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+    row = [f"`{name}`", *(_cell(found[kind]) for kind in given.kinds)]
+    (folder / f"{_file(name)}.row").write_text("\n".join(row))
+    print(f"{' | '.join(row)}: {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
     return not any(one["wrong"] for one in found.values())
 
 

@@ -15,6 +15,7 @@ drifts, and it drifts for all.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 import platform
 import time
@@ -22,11 +23,7 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from benchmarks.markdown import percent, table
 from benchmarks.timing import median, ratio
@@ -37,9 +34,16 @@ from lcp_catalog.terrain.occlusion import occluded, occluded_sweep
 from lcp_catalog.threads import thread_limit
 from tests.helpers.synthetic import cratered
 
+with contextlib.suppress(ImportError):  # `--help` works without the peers
+    import drjit as dr
+    import mitsuba as mi
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
 THREADS = thread_limit()
 
-HAS_MITSUBA = bool(dr.has_backend(dr.JitBackend.LLVM))
+HAS_PEERS = "EmbreeScene" in globals()
+HAS_MITSUBA = HAS_PEERS and bool(dr.has_backend(dr.JitBackend.LLVM))
 """True if the system has the LLVM library that Mitsuba's llvm variant loads."""
 if HAS_MITSUBA:
     mi.set_variant("llvm_ad_rgb")
@@ -254,6 +258,8 @@ def main(words: Sequence[str]) -> int:
     parser = argparse.ArgumentParser("python -m benchmarks.speed peers", description=__doc__)
     parser.add_argument("sizes", nargs="*", type=int, default=[2048, 4096], metavar="NODES")
     sizes = parser.parse_args(words).sizes
+    if not HAS_PEERS:
+        parser.error("Mitsuba and Embree are not installed: make bench-peers")
     processor = platform.processor() or platform.machine()
     print(
         f"{processor}, {THREADS} threads, Mitsuba {mi.__version__}, embreex {version('embreex')}\n"

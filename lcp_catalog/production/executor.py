@@ -36,6 +36,11 @@ Result = TypeVar("Result")
 
 log = logging.getLogger(__name__)
 
+START_METHOD: str | None = None
+"""The method of `multiprocessing` by which workers start; None: see `are_forked`. A program that must start each of its processes
+itself may set "fork"; it must have one thread.
+"""
+
 _SOCKET = "/pymp-......../listener-........"
 """The form of the name, in the folder for temporary files, of the socket by which a worker is asked for."""
 
@@ -89,7 +94,7 @@ def are_forked() -> bool:
 
 def start_early() -> None:
     """Start the process that workers are forked from, which takes two seconds, while this one goes on."""
-    if are_forked():
+    if START_METHOD is None and are_forked():
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([f"{__package__}.preloaded"])
         with children_start():
@@ -181,7 +186,7 @@ def _died(outcome: Result | Exception) -> Result | Exception:
 
 
 def _new_pool(jobs: int, method: str | None = None) -> ProcessPoolExecutor:
-    method = method or ("forkserver" if are_forked() else "spawn")
+    method = method or START_METHOD or ("forkserver" if are_forked() else "spawn")
     if method == "forkserver":
         start_early()
     context = multiprocessing.get_context(method)
@@ -234,8 +239,9 @@ def _unnamed_program() -> Iterator[None]:
 
 
 def _begin_worker() -> None:
-    """Ignore Ctrl-C, which the parent handles, and end with the parent."""
+    """Ignore Ctrl-C, which the parent handles, and end by SIGTERM and with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork has the parent's handler
     if "fork" in multiprocessing.get_all_start_methods():
         # numba makes a lock of the default method; of the others it is a named semaphore, which a
         # process that is ended leaves behind, and Python warns of it
