@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from lcp_catalog.geometry.bounds import Bounds
+
 _MOST = 5
 """Greatest number of listed overlaps, gaps and files with missing pixels; the JSON has all."""
 
@@ -224,11 +226,8 @@ def _sample(place: dict[str, Any], box: dict[str, float]) -> str:
     """The height at a place, or why there is none: in a file of an area, places outside it, too."""
     if place["height_m"] is not None:
         return f"{place['height_m']:.2f} m"
-    inside = [
-        box["south"] <= lat <= box["north"]
-        and (lon - box["west"]) % 360.0 <= box["east"] - box["west"]
-        for lon, lat in ((place["lon"], place["lat"]), (place["lat"], place["lon"]))
-    ]
+    lon, lat = place["lon"], place["lat"]
+    inside = Bounds(**box).contains([lon, lat], [lat, lon])
     asked = ": are longitude and latitude exchanged?" if inside[1] else ""
     return "no data" if inside[0] else f"outside the file{asked}"
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..arrays import AnyArray, Array, Index
 from ..constants import FRAME, MOON_RADIUS_M
 from ..errors import CatalogError, ConfigError, not_a, package, unknown_keys
-from ..geometry.bounds import Bounds
+from ..geometry.bounds import Bounds, turned_deg, wrapped_deg
 from ..landmarks.error_model import ErrorModel, local_contrast
 from .checks import first_few, shape_problems, text_problems, value_problems
 from .layout import (
@@ -435,7 +435,7 @@ class Catalog(CatalogParts):
                 )
             e = _one(np.abs(self.sun_elevation - sun_elevation))
         if sun_azimuth is not None:
-            a = _one(np.abs((self.sun_azimuth - sun_azimuth + 180.0) % 360.0 - 180.0))
+            a = _one(np.abs(wrapped_deg(self.sun_azimuth - sun_azimuth)))
         v = slice(None) if view is None else slice(view, view + 1)
         good = usable(self.part("condition", slice(None), v, e, a))
         return self.take(np.flatnonzero(good.any(axis=(1, 2, 3))))
@@ -584,6 +584,5 @@ def _inside(lon_deg: AnyArray, lat_deg: AnyArray, box: Bounds) -> Index:
     west, south, east, north = box
     if not south <= north:
         raise CatalogError(f"no box: the south {south:g} is above the north {north:g}")
-    width = 360.0 if east - west >= 360.0 else (east - west) % 360.0
-    inside = ((lon_deg - west) % 360.0 <= width) & (lat_deg >= south) & (lat_deg <= north)
-    return np.flatnonzero(inside)
+    east = east if east >= west else west + turned_deg(east - west)
+    return np.flatnonzero(Bounds(west, south, east, north).contains(lon_deg, lat_deg))

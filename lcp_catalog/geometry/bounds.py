@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
 
@@ -49,6 +49,16 @@ class Bounds(NamedTuple):
     def __str__(self) -> str:
         lon, lat = f"{self.west:.6g}..{self.east:.6g}", f"{self.south:.6g}..{self.north:.6g}"
         return f"longitude {lon}, latitude {lat}"
+
+    def contains(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> NDArray[np.bool_]:
+        """True for places, degrees, in the box or on its edge; longitudes of any turn. Shape as the places.
+
+        >>> Bounds(350.0, -5.0, 370.0, 5.0).contains([-10.0, 10.0, 11.0], 5.0).tolist()
+        [True, True, False]
+        """
+        lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
+        along = turned_deg(lon - self.west) <= self.east - self.west
+        return np.asarray(along & (lat >= self.south) & (lat <= self.north))
 
     def meets(self, other: Bounds) -> bool:
         """True if the two boxes share at least a point."""

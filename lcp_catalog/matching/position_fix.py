@@ -49,7 +49,7 @@ from .point_choice import (
 from .point_search import Criteria, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
-from .sun_check import FAR_TURNS_DEG, TURNS_DEG, SunCheck, check_points, without_doubt
+from .sun_check import FAR_TURNS_DEG, TURNS_DEG, MatchedPoints, SunCheck
 
 LOCATED = "located"
 NOT_HERE = "not this place"
@@ -97,7 +97,7 @@ class Options:
     passes: int = 4
     most_sigmas: float = 4.0  # largest correction of the given sensor
     check_sun: bool = True
-    whole_sun_check: bool = False  # also where a glance leaves no doubt (`sun_check.without_doubt`)
+    whole_sun_check: bool = False  # also where a glance leaves no doubt (`MatchedPoints.glance`)
     sun_reach_px: float = 3.0
 
 
@@ -559,16 +559,13 @@ class _FixSearch:
             return independent_share(places[some], width)
 
         image, criteria = corrected(self.working, pose), self.options.criteria
+        own_points = MatchedPoints(self.catalog, image, self.model, rows, offset, criteria)
 
         def checked(reach_px: float, turns_deg: tuple[tuple[float, float], ...]) -> SunCheck:
-            reach_px, whole = reach_px * self.factor, share(np.arange(len(rows)))
-            return check_points(
-                self.catalog, image, self.model, rows, offset, criteria, whole, reach_px, turns_deg
-            )
+            whole = share(np.arange(len(rows)))
+            return own_points.check(whole, reach_px * self.factor, turns_deg)
 
-        near = None
-        if not self.options.whole_sun_check:
-            near = without_doubt(self.catalog, image, self.model, rows, offset, criteria, share)
+        near = None if self.options.whole_sun_check else own_points.glance(share)
         if near is None:
             near = checked(self.options.sun_reach_px, TURNS_DEG)
         if not near.fits or matches.found.sum() > _FEW * np.isin(matches.code, SEARCHED).sum():

@@ -3,7 +3,7 @@
 A patch rendered under a wrong Sun still correlates with the image, but less, and its match may be
 shifted, by the same amount for all points: the matches can agree on a wrong position. So the points
 of an agreement are rendered again under Suns turned about the vertical and raised or lowered, and
-searched near their matches (`check_points`), or all together (`joint_offset`).
+searched near their matches (`MatchedPoints`), or all together (`joint_offset`).
 
 With z = artanh(correlation) (Fisher 1921), another Sun is preferred if more than half of the points
 correlate better under it, by two sigmas of the binomial distribution. A preferred Sun is not yet a
@@ -21,7 +21,7 @@ Sun where the DEM lacks relief, by a figure that grows with the height of the Su
 correlation lacks (`usual_raise_deg`). A vertex far from that is named, and refuses nothing.
 
 Thirteen and more searches are half of the time of a frame, and mostly the stated Sun is right beyond
-doubt. So a navigator first takes a glance (`without_doubt`): `_GLANCE_POINTS` points, without a search, from the places
+doubt. So a navigator first takes a glance (`MatchedPoints.glance`): `_GLANCE_POINTS` points, without a search, from the places
 where they were found, under the same Suns and each of the laws. Only if that leaves a doubt under any
 law the check is made. A glance never refuses a Sun.
 """
@@ -238,66 +238,65 @@ that is not found has the correlation 0 and a NaN place.
 """
 
 
-def check_points(
-    catalog: Catalog,
-    image: Image,
-    model: Reflectance,
-    points: Index,
-    offset_px: Array,
-    criteria: Criteria,
-    independent_share: float = 1.0,
-    reach_px: float = _REACH_PX,
-    turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
-) -> SunCheck:
-    """`check_sun` by points that are searched one by one: rows (n,) of the catalogue, n >= 1, each
-    within ``reach_px`` of ``offset_px`` (n, 2) from where the image's sensor projects it. Pixels of
-    the full-resolution image.
+@dataclass(frozen=True, eq=False)
+class MatchedPoints:
+    """Points by which the Sun of an image is checked: rows (n,) of a catalogue, n >= 1, whose matches lie at
+    ``offset_px`` (n, 2) from where the image's sensor projects them. Pixels of the full-resolution image.
     """
 
-    def search(moved: Image, law: Reflectance, rows: Index) -> tuple[Array, Array]:
-        found = find_points(
-            catalog,
-            moved,
-            law,
-            reach_px,
-            points=points[rows],
-            offset_px=offset_px[rows],
-            criteria=criteria,
-        )
-        return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
+    catalog: Catalog
+    image: Image
+    model: Reflectance
+    rows: Index
+    offset_px: Array
+    criteria: Criteria
 
-    ground = catalog.position_mcmf[points]
-    return check_sun(search, image, ground, model, independent_share, turns_deg)
+    def check(
+        self,
+        independent_share: float = 1.0,
+        reach_px: float = _REACH_PX,
+        turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
+    ) -> SunCheck:
+        """`check_sun` by points that are searched one by one, each within ``reach_px`` of its match."""
 
+        def search(moved: Image, law: Reflectance, some: Index) -> tuple[Array, Array]:
+            found = find_points(
+                self.catalog,
+                moved,
+                law,
+                reach_px,
+                points=self.rows[some],
+                offset_px=self.offset_px[some],
+                criteria=self.criteria,
+            )
+            return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
 
-def without_doubt(
-    catalog: Catalog,
-    image: Image,
-    model: Reflectance,
-    points: Index,
-    offset_px: Array,
-    criteria: Criteria,
-    independent_share: Callable[[Index], float] = lambda _: 1.0,
-) -> SunCheck | None:
-    """A glance instead of `check_points`: the check by few points under the law of the search; None if it leaves a doubt under
-    any law, or if the points are too few for it. ``independent_share``: of some of the points, by their rows in ``points``.
-    """
-    rows = evenly(np.arange(len(points)), _GLANCE_POINTS)
-    if len(rows) < _GLANCE_POINTS:
-        return None
-    some = FoundPlaces.of(catalog, image, points[rows], offset_px[rows], criteria)
+        ground = self.catalog.position_mcmf[self.rows]
+        return check_sun(search, self.image, ground, self.model, independent_share, turns_deg)
 
-    def search(moved: Image, law: Reflectance, _: Index) -> tuple[Array, Array]:
-        return some.under(moved, law)
-
-    tried = _Tried(search, image, catalog.position_mcmf[points[rows]], TURNS_DEG)
-    others = [law for law in map(reflectance_model, LAWS) if law.name != model.name]
-    checks, share = [], independent_share(rows)
-    for law in (model, *others):
-        checks.append(tried.check(law, np.arange(len(rows)), share)[0])
-        if not checks[-1].is_sure:
+    def glance(
+        self, independent_share: Callable[[Index], float] = lambda _: 1.0
+    ) -> SunCheck | None:
+        """A glance instead of `check`: the check by few points under the law of the search; None if it leaves a doubt under
+        any law, or if the points are too few for it. ``independent_share``: of some of the points, by their places in ``rows``.
+        """
+        some = evenly(np.arange(len(self.rows)), _GLANCE_POINTS)
+        if len(some) < _GLANCE_POINTS:
             return None
-    return checks[0]
+        rows = self.rows[some]
+        found = FoundPlaces.of(self.catalog, self.image, rows, self.offset_px[some], self.criteria)
+
+        def search(moved: Image, law: Reflectance, _: Index) -> tuple[Array, Array]:
+            return found.under(moved, law)
+
+        tried = _Tried(search, self.image, self.catalog.position_mcmf[rows], TURNS_DEG)
+        others = [law for law in map(reflectance_model, LAWS) if law.name != self.model.name]
+        checks, share = [], independent_share(some)
+        for law in (self.model, *others):
+            checks.append(tried.check(law, np.arange(len(some)), share)[0])
+            if not checks[-1].is_sure:
+                return None
+        return checks[0]
 
 
 def check_sun(

@@ -99,12 +99,9 @@ class Area:
 
     def contains(self, lon_deg: ArrayLike, lat_deg: ArrayLike) -> NDArray[np.bool_]:
         """True for positions (on the sphere) inside the area."""
-        lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
         if self.box is not None:
-            west, south, east, north = self.box
-            return np.asarray(
-                ((lon - west) % 360.0 <= east - west) & (lat >= south) & (lat <= north)
-            )
+            return self.box.contains(lon_deg, lat_deg)
+        lon, lat = np.asarray(lon_deg, dtype=np.float64), np.asarray(lat_deg, dtype=np.float64)
         x, y, z = np.moveaxis(self.frame.from_mcmf(lonlat_to_mcmf(lon, lat)), -1, 0)
         width, height = self._half_m
         return np.asarray((np.abs(x) <= width) & (np.abs(y) <= height) & (z > -MOON_RADIUS_M))

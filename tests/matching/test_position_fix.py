@@ -38,7 +38,7 @@ from lcp_catalog.matching.position_fix import (
     nothing_in,
 )
 from lcp_catalog.matching.search_area import CoarseShift, narrowed, perhaps_in_view
-from lcp_catalog.matching.sun_check import FAR_TURNS_DEG, SunCheck, check_points, with_sun
+from lcp_catalog.matching.sun_check import FAR_TURNS_DEG, MatchedPoints, SunCheck, with_sun
 
 UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
 QUICK = Options(check_sun=False)
@@ -439,7 +439,7 @@ def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: 
 
 def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
     rows = points_in_view(points, photo.sensor)
-    check = check_points(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria())
+    check = MatchedPoints(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria()).check()
     assert check.fits
     assert check.complaint == ""
     assert check.correlation > max(check.correlations)
@@ -488,9 +488,7 @@ def test_a_preferred_sun_is_a_doubt_about_the_place(
 ) -> None:
     """The pose's covariance grows by the effect of a shift of all matches; the pose is the same."""
     plain = locate(points, believed(photo), UNCERTAIN, LAW, QUICK)
-    monkeypatch.setattr(
-        "lcp_catalog.matching.position_fix.check_points", lambda *_: light(0.9, gain=0.02)
-    )
+    monkeypatch.setattr(MatchedPoints, "check", lambda *_: light(0.9, gain=0.02))
     doubted = locate(points, believed(photo), UNCERTAIN, LAW, WHOLE)
     assert doubted.verdict == LOCATED
     assert np.array_equal(doubted.pose.correction, plain.pose.correction)
@@ -513,8 +511,8 @@ def test_where_few_agree_far_suns_are_tried(
         asked.append(how[-1])
         return replace(light(1.0, gain=0.1), turns_deg=how[-1], correlations=(0.4, 0.9, 0.9))
 
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", better)
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.without_doubt", lambda *_: light(0.1))
+    monkeypatch.setattr(MatchedPoints, "check", better)
+    monkeypatch.setattr(MatchedPoints, "glance", lambda *_: light(0.1))
     monkeypatch.setattr("lcp_catalog.matching.position_fix._FEW", few)
     answer = locate(points, believed(photo), UNCERTAIN, LAW)
     assert answer.verdict == verdict
@@ -532,12 +530,12 @@ def test_the_sun_is_held_against_all_points_that_agree(
         known = np.full(len(rows), 0.6)
         return replace(claims(catalog, rows, *how), probability=known, usable=rows % 3 == 0)
 
-    def check(*how: Any) -> SunCheck:
-        asked.append(len(how[3]))
+    def check(given: MatchedPoints, *_: Any) -> SunCheck:
+        asked.append(len(given.rows))
         return light(0.1)
 
     monkeypatch.setattr(PointClaims, "of", some_usable)
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", check)
+    monkeypatch.setattr(MatchedPoints, "check", check)
     answer = locate(points, believed(photo, 3), UNCERTAIN, LAW, WHOLE)
     assert asked == [answer.matches.found.sum()]
     assert answer.pose.used.sum() < 0.5 * asked[0]
@@ -548,9 +546,8 @@ def test_the_sun_is_held_against_all_points_that_agree(
 def test_a_sun_is_told_from_far_ones(points: Catalog, photo: Image, turn: float) -> None:
     rows = points_in_view(points, photo.sensor)
     lied = with_sun(photo, points.position_mcmf[rows], turn, 0.0)
-    check = check_points(
-        points, lied, LAW, rows, np.zeros((len(rows), 2)), Criteria(), turns_deg=FAR_TURNS_DEG
-    )
+    matched = MatchedPoints(points, lied, LAW, rows, np.zeros((len(rows), 2)), Criteria())
+    check = matched.check(turns_deg=FAR_TURNS_DEG)
     assert check.fits == (turn == 0.0)
 
 

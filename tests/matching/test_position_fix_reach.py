@@ -31,7 +31,7 @@ from lcp_catalog.matching.position_fix import (
     locate,
 )
 from lcp_catalog.matching.search_area import SearchArea
-from lcp_catalog.matching.sun_check import SunCheck
+from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck
 
 QUICK = Options(check_sun=False)
 
@@ -84,7 +84,7 @@ def test_reaches_are_in_the_searched_photographs_pixels(
         return light(0.1)
 
     monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)
-    monkeypatch.setattr("lcp_catalog.matching.position_fix.check_points", fits)
+    monkeypatch.setattr(MatchedPoints, "check", fits)
     camera = overhead(pixel_m=200.0, size_px=320)
     answer = locate(
         few, small_world.world().photo(camera), Uncertainty(200.0), LAW, Options(common_px=0.2)

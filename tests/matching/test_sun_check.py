@@ -20,9 +20,9 @@ from lcp_catalog.matching.point_search import Criteria
 from lcp_catalog.matching.sun_check import (
     FAR_TURNS_DEG,
     TURNS_DEG,
+    MatchedPoints,
     SunCheck,
     best_turn,
-    check_points,
     with_sun,
 )
 
@@ -186,7 +186,7 @@ def listened(monkeypatch, hills, correlations, places, count, **how):
     offset = rng.normal(size=(count, 2))
     photo = plain_photo(np.ones(camera.shape), camera)
     criteria = Criteria(min_correlation=0.1)
-    found = check_points(hills, photo, LAW, points, offset, criteria, **how)
+    found = MatchedPoints(hills, photo, LAW, points, offset, criteria).check(**how)
     return found, listener, points, offset
 
 
