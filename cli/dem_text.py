@@ -227,7 +227,8 @@ def _sample(place: dict[str, Any], box: dict[str, float]) -> str:
     if place["height_m"] is not None:
         return f"{place['height_m']:.2f} m"
     lon, lat = place["lon"], place["lat"]
-    inside = Bounds(**box).contains([lon, lat], [lat, lon])
+    bounds = Bounds(box["west"], box["south"], box["east"], box["north"])
+    inside = bounds.contains([lon, lat], [lat, lon])
     asked = ": are longitude and latitude exchanged?" if inside[1] else ""
     return "no data" if inside[0] else f"outside the file{asked}"
 
