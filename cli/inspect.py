@@ -68,8 +68,10 @@ def _moments(path: str, found: dict[str, Any], frames: int) -> list[LocatedBySun
 
 
 def _text(path: str, found: dict[str, Any], moments: Sequence[LocatedBySun]) -> str:
-    lines = [f"{path}: {'intact' if found['intact'] else 'NOT INTACT'}"]
-    lines += [f"  {problem}" for problem in found["problems"]]
+    from lcp_catalog.catalog.summary import headline
+
+    lines = [f"{path}: {headline(found)}"]
+    lines += [f"  {problem}" for problem in found["problems"] if problem not in lines[0]]
     if any("a TIFF image" in problem for problem in found["problems"]):
         lines.append(f"  of a DEM: lcp dem info {path}")
     if found["points"] is not None and path.lower().endswith(FLIGHT):

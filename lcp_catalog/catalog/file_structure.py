@@ -27,7 +27,7 @@ from .layout import (
     key,
     variable_attributes,
 )
-from .schema import OPTIONAL, OPTIONAL_GROUPS, SCHEMA_VERSION, Variable
+from .schema import OLD_FILE, OPTIONAL, OPTIONAL_GROUPS, SCHEMA_VERSION, Variable
 from .shards import SHARDS
 
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
@@ -162,7 +162,7 @@ def _identity_problems(file: h5py.File) -> Iterator[str]:
     if not isinstance(version, str):
         yield "not a catalogue of control points: it has no schema_version and body"
     elif version.startswith(("1.", "2.")):
-        yield "made by lcp 0.2; build it again"
+        yield OLD_FILE
     elif version != SCHEMA_VERSION:
         text = _shown(version)
         yield f"schema version {text} is not understood here ({SCHEMA_VERSION}); use a newer lcp"

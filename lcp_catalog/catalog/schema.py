@@ -16,6 +16,9 @@ from ..choices import LEVEL_RATIO
 SCHEMA_VERSION = "3.0"
 """Version of the files that are written and read."""
 
+OLD_FILE = "made by lcp 0.2; build it again"
+"""What is said of a file of schema 1.x or 2.x."""
+
 PACKED = ("detection_probability", "sigma_major", "sigma_minor", "sigma_angle")
 """Variables stored as small whole numbers; the catalogue in memory holds them unpacked."""
 

@@ -19,7 +19,7 @@ from ..plots.numbers import number
 from .catalogue import Catalog
 from .integrity import NOT_READ
 from .promise import kept_promise, promise_rows
-from .schema import COVERAGE_STATUS, LEVEL_FACTORS, SCHEMA_VERSION, evaluated, usable
+from .schema import COVERAGE_STATUS, LEVEL_FACTORS, OLD_FILE, SCHEMA_VERSION, evaluated, usable
 from .stored import StoredFile, sharded, stored_catalog
 from .verification import apart, judge, judged, shard_problems
 
@@ -299,6 +299,13 @@ def view_name(view: dict[str, Any]) -> str:
 def latitude_name(lat_deg: float) -> str:
     """Text for a latitude."""
     return f"{abs(lat_deg):.4f}° {'S' if lat_deg < 0.0 else 'N'}"
+
+
+def headline(found: dict[str, Any]) -> str:
+    """Whether a file is intact, in words, of what `describe` found; of a file that is too old only that."""
+    if found["problems"] == [OLD_FILE]:
+        return OLD_FILE
+    return "intact" if found["intact"] else "NOT INTACT"
 
 
 def percent(share: float | None) -> str:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import pytest
 from helpers import catalogs
 from lcp_cli.main import run
@@ -63,6 +64,13 @@ def test_what_is_not_intact_exits_4(
     assert "NOT INTACT" in shown.out
     assert found["problems"][0] in shown.out
     assert "Traceback" not in shown.out + shown.err
+
+
+def test_a_file_of_an_old_schema_is_one_line(path: Path, capsys: pytest.CaptureFixture) -> None:
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema_version"] = "2.5"
+    assert run(["inspect", str(path)]) == 4
+    assert capsys.readouterr().out == f"{path}: made by lcp 0.2; build it again\n"
 
 
 def test_moments_of_what_is_no_catalogue_are_not_asked(
