@@ -51,10 +51,11 @@ class ModelConfig:
     )
     accuracy: str | None = meant(
         None,
-        "Accuracy tier, by the permitted share of nodes with a wrong shadow: draft 0.5 %, standard 0.02 %, high 0, "
-        "reference 0 with float64 arithmetic throughout. In high and reference a build also searches for places that "
-        "resemble a point at full resolution everywhere, and judges points near the limit of dependence under their own Suns; "
-        "in the others one direction for an area changes about 2.3 % of the unshadowed flags at 5 deg of Sun, 0.6 % at 10 deg.",
+        "Accuracy tier. It limits the share of nodes whose shadow may be wrong: draft 0.5 %, standard 0.02 %, high and "
+        "reference 0; reference computes in float64 throughout. A more accurate tier takes longer. A build depends on the "
+        "tier in two more ways. High and reference search for places that resemble a point at full resolution everywhere. "
+        "Under a low Sun they decide the flag unshadowed with the direction of the Sun at the point; draft and standard take "
+        "that at the area's centre, which changes about 2.3 % of the flags at 5 deg of Sun elevation, 0.6 % at 10 deg.",
         default=DEFAULT_TIER,
         choices=tuple(TIERS),
         replaces=("tolerance",),
@@ -98,15 +99,15 @@ class ModelConfig:
     )
     own_sun_deg: float | None = meant(
         None,
-        "Elevations of the Sun up to which a point that shadows from outside nearly disturb too much is judged under its "
-        "own Sun, not that of the area's centre.",
+        "Up to this elevation of the Sun, a point whose share of shadow from outside is close to the limit is judged with the "
+        "direction of the Sun at the point, not that at the area's centre.",
         default="that of the tier: 0 (never) in draft and standard, 15 in high and reference",
         least=0.0,
         most=90.0,
     )
     whole_search: bool | None = meant(
         None,
-        "Seek places that resemble a point at full resolution everywhere.",
+        "Search for places that resemble a point at full resolution everywhere.",
         default="that of the tier: false in draft and standard, true in high and reference",
     )
 
