@@ -60,26 +60,60 @@ class _NotStartedError(RuntimeError):
     """A task for which no process could be started; it was not begun."""
 
 
+class SharedWorkers:
+    """Processes that calls of `run_tasks` in the block share, one after the other: in later ones kernels are loaded, which takes
+    a new process half a second. They end with the block; after a task that killed its worker or was not awaited there are new ones.
+    """
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> SharedWorkers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool:
+            _stop(self._pool)
+
+    @property
+    def wait(self) -> bool:
+        """True if processes wait for tasks."""
+        return self._pool is not None
+
+    def taken(self) -> ProcessPoolExecutor | None:
+        """The processes that wait, which are the caller's from now on."""
+        pool, self._pool = self._pool, None
+        return pool
+
+    def keep(self, pool: ProcessPoolExecutor) -> None:
+        """Keep idle processes for the next call."""
+        self._pool = pool
+
+
 def run_tasks(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     jobs: int = 1,
     scheduler: str | None = None,
     inputs: Sequence[Path] = (),
+    workers: SharedWorkers | None = None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     """Yield (index of the task, its result or its exception) in the order in which tasks end.
 
     ``jobs``: number of processes; with 1, the tasks run in this process. ``scheduler``: address or file
     of a dask scheduler (`cluster.run_on_cluster`), whose workers must have the same ``inputs``: files
-    that the tasks read. Results do not depend on either. ConfigError for invalid ``jobs``; errors of
+    that the tasks read. ``workers``: processes that are shared with other calls of as many ``jobs``. Results depend on
+    none of them. ConfigError for invalid ``jobs``; errors of
     `cluster.run_on_cluster`.
     """
     if jobs < 1:
         raise ConfigError(f"`jobs` must be at least 1, not {jobs}")
     if scheduler is not None:
         yield from run_on_cluster(function, tasks, scheduler, inputs)
-    elif jobs == 1 or len(tasks) == 1:
+    elif jobs == 1 or (len(tasks) == 1 and not (workers and workers.wait)):
         yield from _here(function, tasks)
+    elif workers:
+        yield from _in_processes(function, tasks, jobs, workers)
     else:
         yield from _in_processes(function, tasks, min(jobs, len(tasks)))
 
@@ -144,12 +178,14 @@ def _in_processes(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     jobs: int,
+    workers: SharedWorkers | None = None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     pending, tries = list(range(len(tasks))), _START_TRIES
     while pending:
         done: set[int] = set()
         suspects: set[int] = set()
-        for index, outcome in _one_pool(_new_pool(jobs), function, tasks, pending, jobs):
+        pool = (workers and workers.taken()) or _new_pool(jobs)
+        for index, outcome in _one_pool(pool, function, tasks, pending, jobs, workers):
             if isinstance(outcome, BrokenProcessPool):
                 suspects.add(index)
             elif not isinstance(outcome, _NotStartedError) or not tries:
@@ -265,13 +301,14 @@ def _one_pool(
     tasks: Sequence[Task],
     indices: Sequence[int],
     jobs: int,
+    workers: SharedWorkers | None = None,
 ) -> Iterator[tuple[int, Result | Exception]]:
     """Give the pool one task per worker at a time, and one that waits for the first to be free, so that a
-    broken pool has few suspects; shut it down in the end.
+    broken pool has few suspects; shut it down in the end, unless ``workers`` keep it.
     """
     waiting = list(indices)
     running: dict[Future[Any], int] = {}
-    broken = False
+    broken, idle = False, False
     try:
         _fill(running, waiting, jobs, pool, function, tasks)
         while running:
@@ -284,8 +321,14 @@ def _one_pool(
                 _fill(running, waiting, jobs, pool, function, tasks)
             for index in sorted(outcomes):
                 yield index, outcomes[index]
+        idle = not broken
     finally:
-        _stop(pool)  # idle workers have nothing to finish: half a second less than their own end
+        if workers and idle:
+            workers.keep(pool)
+        else:
+            _stop(
+                pool
+            )  # idle workers have nothing to finish: half a second less than their own end
 
 
 def _fill(

@@ -43,7 +43,7 @@ from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
 from .config import BuildConfig
 from .cures import TRY_S, Yield, warn_of_few
-from .executor import run_tasks
+from .executor import SharedWorkers, run_tasks
 from .finished_area import FinishedArea, finished_area
 from .kept_ground import KEPT_MB, KeptGrounds
 from .merging import merge_catalogs
@@ -476,27 +476,27 @@ class BuildRun:
         """Compute all areas in two passes but those that are ``left`` out. Return the causes of those that failed, by name."""
         failed: dict[str, str] = {}
         total, done = 2 * len(self.build.jobs), 0
-        for level in self.build.levels:
-            both = range(done, done + 2 * len(level.jobs))
-            jobs_here = [job for job in level.jobs if job.task.name not in left]
-            if not jobs_here:
-                continue
+        with SharedWorkers() as workers:
+            for level in self.build.levels:
+                both = range(done, done + 2 * len(level.jobs))
+                some = [job for job in level.jobs if job.task.name not in left]
+                if not some:
+                    continue
+                grounds = KeptGrounds(level.kept_mb)
 
-            grounds = KeptGrounds(level.kept_mb)
+                def compute(
+                    jobs: Sequence[AreaJob], both: range = both, grounds: KeptGrounds = grounds
+                ) -> dict[str, str]:
+                    steps = {FIRST: both.start, ROUNDS[0]: both.stop - len(jobs)}
+                    before = steps.get(jobs[0].step, both.stop)
 
-            def compute(
-                jobs: Sequence[AreaJob], both: range = both, grounds: KeptGrounds = grounds
-            ) -> dict[str, str]:
-                steps = {FIRST: both.start, ROUNDS[0]: both.stop - len(jobs)}
-                before = steps.get(jobs[0].step, both.stop)
-                return self._compute(
-                    jobs, lambda k, _: self.progress(min(before + k, both.stop), total), grounds
-                )
+                    def told(k: int, _: int) -> None:
+                        self.progress(min(before + k, both.stop), total)
 
-            failed |= computed_in_passes(
-                level.recipe, jobs_here, self.checkpoints, compute, grounds
-            )
-            done = both.stop
+                    return self._compute(jobs, told, grounds, workers)
+
+                failed |= computed_in_passes(level.recipe, some, self.checkpoints, compute, grounds)
+                done = both.stop
         self.progress(total, total)
         return failed
 
@@ -505,9 +505,10 @@ class BuildRun:
         areas: Sequence[AreaJob],
         progress: Progress | None = None,
         grounds: KeptGrounds | None = None,
+        workers: SharedWorkers | None = None,
     ) -> dict[str, str]:
-        """Compute those of the areas that have no checkpoint, and keep their ``grounds``. Return the causes of those that
-        failed, by name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
+        """Compute those of the areas that have no checkpoint, in ``workers``, and keep their ``grounds``. Return the causes of
+        those that failed, by name. AreaFailedError if an input file is changed meanwhile: no area that may have read it is
         kept.
         """
         progress = progress or self.progress
@@ -519,7 +520,9 @@ class BuildRun:
             compile_kernels(missing("build-catalog"))  # else each worker compiles them
         progress(done, len(areas))
         inputs, start = self.build.recipe.files, time.monotonic()
-        for index, outcome in run_tasks(_finished_area, todo, self.jobs, self.scheduler, inputs):
+        for index, outcome in run_tasks(
+            _finished_area, todo, self.jobs, self.scheduler, inputs, workers
+        ):
             self.build.inputs.require_unchanged()
             task = todo[index].task
             if isinstance(outcome, Exception):
@@ -537,8 +540,8 @@ class BuildRun:
             done += 1
             progress(done, len(areas))
             self._read_inputs(time.monotonic() - start)
-        workers = 1 if self.scheduler else max(1, min(self.jobs, len(todo)))
-        self._spent_s.append(workers * (time.monotonic() - start) if todo else 0.0)
+        count = 1 if self.scheduler else max(1, min(self.jobs, len(todo)))
+        self._spent_s.append(count * (time.monotonic() - start) if todo else 0.0)
         return failed
 
     def _missing(self, areas: Sequence[AreaJob]) -> list[AreaJob]:

@@ -18,7 +18,7 @@ import pytest
 
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.production import executor
-from lcp_catalog.production.executor import run_tasks
+from lcp_catalog.production.executor import SharedWorkers, run_tasks
 
 
 def square(value: int) -> int:
@@ -63,6 +63,48 @@ def test_no_worker_waits_while_a_result_is_taken(tmp_path: Path) -> None:
         time.sleep(0.01)
     assert sum(path.exists() for path in files) >= 3
     assert len(list(outcomes)) == 3
+
+
+def worker(value: int) -> int:
+    if value == 3:
+        os._exit(9)
+    return os.getpid()
+
+
+def test_shared_workers_take_the_tasks_of_later_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one task, too; new ones where a call was left before its end. They end with the block."""
+    made = []
+    new_pool = executor._new_pool
+    monkeypatch.setattr(executor, "_new_pool", lambda jobs: made.append(new_pool(jobs)) or made[-1])
+    with SharedWorkers() as workers:
+        assert dict(run_tasks(worker, [0], 2, workers=workers)) == {0: os.getpid()}
+        first = {pid for _, pid in run_tasks(worker, [0, 1, 2, 4], 2, workers=workers)}
+        assert len(first) <= 2
+        assert os.getpid() not in first
+        for count in (1, 3):
+            later = dict(run_tasks(worker, [*range(count)], 2, workers=workers))
+            assert len(later) == count
+            assert {*later.values()} <= first | {*made[0]._processes}
+        assert len(made) == 1
+        begun = run_tasks(worker, [0, 1, 2], 2, workers=workers)
+        next(begun)
+        begun.close()
+        assert not workers.wait
+        again = {pid for _, pid in run_tasks(worker, [0, 1], 2, workers=workers)}
+        assert not again & first
+        assert len(made) == 2
+    for pid in (*first, *again):
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+@pytest.mark.slow
+def test_shared_workers_of_which_one_dies_are_new_ones_in_the_next_call() -> None:
+    with SharedWorkers() as workers:
+        outcomes = dict(run_tasks(worker, [1, 2, 3, 4], 2, workers=workers))
+        assert isinstance(outcomes[2], RuntimeError)
+        assert sum(isinstance(pid, int) for pid in outcomes.values()) == 3
+        assert all(isinstance(pid, int) for _, pid in run_tasks(worker, [1, 2], 2, workers=workers))
 
 
 def test_no_jobs_is_refused() -> None:

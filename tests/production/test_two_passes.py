@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,7 @@ from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.errors import AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Places, select
-from lcp_catalog.production import area_job, finished_area, run, two_passes
+from lcp_catalog.production import area_job, executor, finished_area, run, two_passes
 from lcp_catalog.production.area_job import FIRST, AreaJob, AreaResult
 from lcp_catalog.production.assembly import spacing_m
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
@@ -189,7 +190,16 @@ def test_bytes_are_the_same_for_jobs_and_after_an_interruption(
 ) -> None:
     plan = Build.plan((DEM,), config)
     two, resumed = (tmp_path / f"{name}.h5" for name in ("two", "resumed"))
+    begin, pools = executor._new_pool, []
+
+    def new_pool(jobs: int, method: str | None = None) -> ProcessPoolExecutor:
+        pools.append((jobs, method))
+        return begin(jobs, method)
+
+    monkeypatch.setattr(executor, "_new_pool", new_pool)
     BuildRun(plan, two, jobs=2).whole()
+    # the processes of the first pass, which have loaded kernels, make the rounds
+    assert pools.count((2, None)) == 1
     for stop in (FIRST, two_passes.ROUNDS[0]):
         begun: list[str] = []
 
