@@ -27,6 +27,8 @@ from .proposal import (
     relative,
     require_one,
     saves,
+    scatter_of,
+    scattered,
     together,
     together_row,
 )
@@ -118,7 +120,8 @@ def _measured(
     spent_s = sum(baseline_s) + sum(row["seconds"] for _, row in done)
     pace = (time.monotonic() - begun) / spent_s  # wall time for a second of processor time
     area_s = pace * first["seconds"] / len(chosen)
-    confirmation = Confirmation(sample, len(chosen), workers, until, area_s)
+    scatter = scatter_of(baseline_s)
+    confirmation = Confirmation(sample, len(chosen), workers, until, area_s, scatter)
     best, best_row = _best(confirmation, done, first, budget)
     tried = [setting for setting, _ in done]
     untried = sum(one.turned and one.finer == finer and one not in tried for one in wanted)
@@ -197,7 +200,7 @@ clear (`is_clear`)."""
 class Confirmation:
     """Measures the configuration for a budget, on more areas than those on which it was chosen: a few areas say what saves
     most, but their mean error is as uncertain as it is large. ``until``: no areas are begun that would be done after it, by
-    ``area_s``, the time of an area of the user's configuration.
+    ``area_s``, the time of an area of the user's configuration; ``scatter``: of its runs (`scatter_of`).
     """
 
     sample: Sample
@@ -205,6 +208,7 @@ class Confirmation:
     workers: Started
     until: float
     area_s: float
+    scatter: Sequence[float] = (1.0, 1.0)
 
     def fits(self, count: int, relative: float) -> bool:
         """True if ``count`` areas of both configurations are done before the end."""
@@ -278,4 +282,5 @@ class Confirmation:
         usual, outcome = found[own.knob], found[best.knob]
         if isinstance(usual, str) or isinstance(outcome, str):
             raise ConfigError(str(outcome))
-        return row_of(best, usual, outcome)
+        row = row_of(best, usual, outcome)
+        return row | {"build_interval": scattered(row["build_interval"], self.scatter)}

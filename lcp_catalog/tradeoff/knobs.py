@@ -211,7 +211,8 @@ class Sample:
 
     def start_s(self, level: Level) -> float:
         """Processor time that a build of a level takes beside its areas (`start_of`). It is that of the configuration: two passes
-        take as long (6.3, 6.2, 7.4 s beside 6.6, 6.1, 6.3 s on the sample, 2026-11-28).
+        take as long, in the same processes (9.7, 10.6, 10.2 s beside 9.6, 10.5, 10.2 s for two jobs on 30 km of the sample,
+        under load, 2026-11-29).
         """
         jobs = default_jobs(level)
         if jobs not in self.starts:

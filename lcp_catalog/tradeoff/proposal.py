@@ -62,7 +62,8 @@ def saves(row: Row, noise: float) -> bool:
 
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     """Set the times of rows as shares of the configuration's, the first of them, for all areas of a build: its processor time is
-    the median of runs between those of the others, each of as many areas; their range gives the interval.
+    the median of runs between those of the others, each of as many areas; their range gives the interval, and that of what was
+    run once (`scattered`).
     """
     usual, usual_s = rows[0], statistics.median(baseline_s)
     factor, around_s = usual_s / usual["seconds"], usual["build_interval"]
@@ -73,11 +74,25 @@ def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
         "build_seconds": areas_s + start_s,
         "build_interval": around_s and [(one - start_s) * factor + start_s for one in around_s],
     }
+    scatter = scatter_of(baseline_s)
     for row in rows:
+        row["build_interval"] = scattered(row["build_interval"], scatter)
         row["seconds_relative"] = (row["build_seconds"] - row["build_start_seconds"]) / areas_s
         row["seconds_interval"] = [
             row["seconds_relative"] * usual_s / one for one in (max(baseline_s), min(baseline_s))
         ]
+
+
+def scatter_of(baseline_s: Sequence[float]) -> list[float]:
+    """The shortest and the longest of runs of the configuration, over their median."""
+    return [most(baseline_s) / statistics.median(baseline_s) for most in (min, max)]
+
+
+def scattered(around: Sequence[float] | None, scatter: Sequence[float]) -> list[float] | None:
+    """The interval of a build's time, whose start and areas were run once each, with the `scatter_of` runs of one configuration:
+    the machine's speed changes both alike.
+    """
+    return [one * times for one, times in zip(around, scatter, strict=True)] if around else None
 
 
 def proposal(

@@ -313,12 +313,22 @@ def test_times_are_over_the_median_of_runs_between(
             "build_start_seconds": 2.0,
             "build_interval": around,
         },
-        {"default": False, "seconds": 11.0, "build_seconds": 115.0, "build_start_seconds": 5.0},
+        {
+            "default": False,
+            "seconds": 11.0,
+            "build_seconds": 115.0,
+            "build_start_seconds": 5.0,
+            "build_interval": None,
+        },
     ]
     relative(rows, [9.0, 10.0, 12.5])
     assert rows[0]["seconds_relative"] == 1.0
     assert rows[0]["build_seconds"] == pytest.approx(100.0 + 2.0)
-    assert rows[0]["build_interval"] == pytest.approx([one / 0.9 + 2.0 for one in (80.0, 99.0)])
+    # the start was run once, too: runs of 9 to 12.5 s where the median is 10
+    assert rows[0]["build_interval"] == pytest.approx(
+        [0.9 * (80.0 / 0.9 + 2.0), 1.25 * (99.0 / 0.9 + 2.0)]
+    )
+    assert rows[1]["build_interval"] is None
     assert rows[0]["seconds_interval"] == [0.8, pytest.approx(10.0 / 9.0)]
     assert rows[1]["seconds_relative"] == 1.1
     assert rows[1]["seconds_interval"] == [0.88, pytest.approx(11.0 / 9.0)]
