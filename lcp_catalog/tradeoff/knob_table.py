@@ -20,15 +20,19 @@ BEST = "best.toml"
 KNOBS_HEADING = "Every approximation"
 
 KNOBS_EXPLAINED = (
-    "One alternative at a time around the configuration, computed on the same areas; time is processor time, by the work of all areas of the build, over the median of runs of the "
-    "configuration itself between the others; in brackets over their longest and shortest: what includes 1 is no difference; of what a budget may take, of up to two more runs beside it. Candidates within "
-    f"{NEAR_CELLS:g} cells are the same place. Changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % "
-    "interval of the mean over areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query. Shift: "
-    "median over windows, lowest Suns. Not taken for a budget, since their catalogue is not the one asked for: "
+    f"One alternative at a time around the configuration, on the same areas. Candidates within {NEAR_CELLS:g} cells are the same place.",
+    "time: processor time, by the work of all areas of the build, over the median of runs of the configuration itself between the others; in "
+    "brackets over their longest and shortest: what includes 1 is no difference; of what a budget may take, of up to two more runs beside it.",
+    "conditions changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % interval of the mean over "
+    "areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query.",
+    "points: chosen among the measured areas by spacing; all areas tell the promise.",
+    "worth of points: each by the usable share of its conditions, over that of the configuration, in brackets the 90 % interval of the mean over "
+    f"areas. Less than {LEAST_USABLE:g} is not taken for a budget. A dash: not known; areas of another size have other borders, and with a promise "
+    "two passes evaluate what it takes of the whole region: only all areas tell it.",
+    "shift: median over windows, lowest Suns.",
+    "Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
-    + f". Nor are points that are worth less than {LEAST_USABLE:g} of the configuration's, each by the usable share of its conditions"
-    f" (worth, in brackets the 90 % interval of the mean over areas; a dash: not known. Areas of another size have other borders: only all areas tell it of them. With a promise two passes evaluate what it takes of the whole region)."
-    " Points: chosen among the measured areas by spacing; all areas tell the promise."
+    + ".",
 )
 
 
@@ -171,9 +175,12 @@ def knobs_markdown(trade: Trade) -> list[str]:
     """Lines of the table of all approximations; none if they were not measured."""
     if not trade.rows:
         return []
-    lines = [f"## {KNOBS_HEADING}", "", KNOBS_EXPLAINED, "", " ".join(knobs_said(trade)), ""]
+    said, explained = (
+        [f"- {one}" for one in some] for some in (knobs_said(trade), KNOBS_EXPLAINED)
+    )
+    lines = [f"## {KNOBS_HEADING}", "", *said, ""]
     names, rows = knob_cells(trade.rows)
     lines += [f"| {' | '.join(names)} |", "| --- | --- |" + " ---: |" * (len(names) - 2)]
     lines += [f"| {' | '.join(cells)} |" for cells in rows]
     left = [f"- {name}: {why}" for name, why in trade.not_measured.items()]
-    return [*lines, "", "Not measured:", "", *left, ""]
+    return [*lines, "", *explained, "", "Not measured:", "", *left, ""]
