@@ -151,7 +151,7 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
                 )
     row = [f"`{name}`", *(_cell(found[kind]) for kind in given.kinds)]
     (folder / f"{_file(name)}.row").write_text("\n".join(row))
-    print(f"{' | '.join(row)}: {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
+    print(f"{row[0]}: {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
     return not any(one["wrong"] for one in found.values())
 
 
