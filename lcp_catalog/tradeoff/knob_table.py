@@ -183,4 +183,5 @@ def knobs_markdown(trade: Trade) -> list[str]:
     lines += [f"| {' | '.join(names)} |", "| --- | --- |" + " ---: |" * (len(names) - 2)]
     lines += [f"| {' | '.join(cells)} |" for cells in rows]
     left = [f"- {name}: {why}" for name, why in trade.not_measured.items()]
-    return [*lines, "", *explained, "", "Not measured:", "", *left, ""]
+    below = [*explained, ""] if trade.rows[1:] else []
+    return [*lines, "", *below, "Not measured:", "", *left, ""]

@@ -178,7 +178,12 @@ def _memory(row: Row) -> str:
 
 def _relative(row: Row) -> str:
     low, high = row["seconds_relative_range"]
-    return f"{times(row['seconds_relative'])} ({times(low)}..{times(high)})"
+    return times(row["seconds_relative"]) + _around(times(low), times(high))
+
+
+def _around(low: str, high: str) -> str:
+    """The range of several runs or areas in brackets; nothing of one."""
+    return f" ({low}..{high})" if low != high else ""
 
 
 def _claims(row: Row) -> str:
@@ -279,7 +284,7 @@ def laws_markdown(models: ModelChanges) -> list[str]:
 
 def _law_times(models: ModelChanges) -> str:
     shares = ", ".join(
-        f"{law} {share:.2f} ({low:.2f}..{high:.2f})"
+        f"{law} {share:.2f}" + _around(f"{low:.2f}", f"{high:.2f}")
         for law, (share, low, high) in models.times().items()
         if law != LAWS_BY_COST[-1]
     )
@@ -337,8 +342,8 @@ def render_trade(trade: Trade) -> str:
             "heading": KNOBS_HEADING,
             "said": knobs_said(trade),
             "table": knob_cells(trade.rows),
-            "chart": knobs_chart(trade.rows, trade.best_row),
-            "explained": KNOBS_EXPLAINED,
+            "chart": knobs_chart(trade.rows, trade.best_row) if trade.rows[1:] else None,
+            "explained": KNOBS_EXPLAINED if trade.rows[1:] else (),
             "left": list(trade.not_measured.items()),
         },
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -17,7 +18,7 @@ from lcp_catalog.accuracy import TIERS
 from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
 from lcp_catalog.production.area_job import Candidates
 from lcp_catalog.production.run import Build
-from lcp_catalog.tradeoff import image_errors, measurement, report
+from lcp_catalog.tradeoff import image_errors, knob_table, measurement, report
 from lcp_catalog.tradeoff.measurement import TimedArea, Trade, measure_trade, spread
 
 CONTRACT = {
@@ -203,6 +204,41 @@ def test_the_page_needs_nothing_but_itself(trade: Trade) -> None:
     )  # pixels of the text on a narrow screen, where the chart scrolls
     assert str(Path.home()) not in html
     assert "nan" not in re.sub(r"base64,[^'\"]*", "", html).lower().split()
+
+
+def test_what_the_columns_mean_is_a_list_below_the_table(trade: Trade) -> None:
+    """On the page and in the text; without an alternative neither the list nor a chart of one mark."""
+    own = {
+        "knob": "", "value": "as configured", "configured": "", "default": True, "areas": 1, "areas_of": 1,
+        "seconds_relative": 1.0, "seconds_interval": [0.9, 1.1], "conditions_changed_share": 0.0, "interval": None,
+        "points": 3, "points_lost": 0, "points_gained": 0, "usable_ratio": 1.0, "usable_interval": None,
+        "detection_change_mean": 0.0, "detection_change_max": 0.0, "build_seconds": 5.0, "memory_mb": 300.0, "bytes": 1e5,
+        "sigma_ratio": 1.0, "shift_cells": None, "sunlit_error_share": None, "promise_change": None,
+    }  # fmt: skip
+    other = own | {"knob": "dependence", "value": "0", "seconds_relative": 0.5}
+    both, alone = (dataclasses.replace(trade, rows=rows) for rows in ([own, other], [own]))
+    said = [
+        re.sub("<.*?>", "", one) for one in re.findall("<li>.*?</li>", report.render_trade(both))
+    ]
+    assert [one for one in said if one in knob_table.KNOBS_EXPLAINED] == [
+        *knob_table.KNOBS_EXPLAINED
+    ]
+    assert len(knob_table.KNOBS_EXPLAINED) == 7
+    assert {f"- {one}" for one in knob_table.KNOBS_EXPLAINED} < {
+        *report.markdown(both).splitlines()
+    }
+    assert "The large mark is your configuration" in report.render_trade(both)
+    page = report.render_trade(alone)
+    assert "0 alternatives measured" in page
+    assert "The large mark" not in page
+    assert knob_table.KNOBS_EXPLAINED[0] not in page
+
+
+def test_the_range_of_one_run_is_not_said(trade: Trade) -> None:
+    assert report._around("0.54", "0.54") == ""
+    assert report._around("0.50", "0.54") == " (0.50..0.54)"
+    row = trade.tiers[0] | {"seconds_relative": 0.5, "seconds_relative_range": [0.5, 0.5]}
+    assert report._relative(row) == "0.50"
 
 
 def test_the_table_has_a_column_a_tier(trade: Trade) -> None:
