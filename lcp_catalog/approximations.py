@@ -172,6 +172,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         sample="1: 0.86, 0.16 % (0..0.39), 5/3; 4: 1.04, 0, 1/1",
     ),
     Approximation(
+        "corners that become candidates",
+        Figure(27.0, "%", "the points, others with the 99.9th percentile", MEASURED),
+        "candidates are proposed by the response over its 99th percentile in an image, at most 1; of each group of Suns where it is 1.2 times that of those taken. Claims of a point are the same. Of 67 points (75 km of the sample) with the 98th percentile 14 are others, with the 99.9th 18 (27 %); with 1.1 and 1.5 times 11 and 13; 0.98, 0.96, 1.01, 0.96 times the usable conditions (789c278e, 2026-11-29)",
+        constants=("landmarks.corners._HIGH_PERCENTILE", "landmarks.corners.GROUP_GAIN"),
+        unpriced="no switch: `points.candidates_per_cell` takes more of them", price="none beside noise: 0.85 to 0.95 of the processor time (one run each, under load, 789c278e, 2026-11-29)",
+    ),
+    Approximation(
         "two passes",
         Figure(9.0, "%", "the usable conditions, on a mare; 2 over four regions", MEASURED),
         "points that a first look misjudges are missed: 0.98 of the usable conditions of one pass, on a mare 0.91, claims the same (four regions, c791be4, 2026-11-27)",
@@ -182,7 +189,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "search at half resolution first",
         Figure(0.49, "", "a probability away from the limit", MEASURED),
-        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.29 in 97 points of Hadley (86f40c1, 2026-11-27), 0.43 in 142 points, 0.80 in 486 candidates of 60 km of the sample (eff4066c, 2026-11-28): found, not bounded",
+        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.10 in 67 points of 75 km of the sample (1 by more than 0.05; 789c278e, 2026-11-29), 0.29 in 97 of Hadley (86f40c1, 2026-11-27), 0.43 in 142 points, 0.80 in 486 candidates of 60 km of the sample (eff4066c, 2026-11-28): found, not bounded",
         ("model.whole_search",), alternatives.whole_search, settings=("whole_search",), expected=0.0005,
         constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._AROUND", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN", "matching.point_search._HALVED_FROM"),
         fineness=lambda c: c.model.precision.whole_search,
@@ -320,6 +327,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "compared with the strongest of 16 places 3 cells away, others left out: up to 0.2 too high near one half, within 0.06 above 0.9 (200 draws of noise over each of ten peaks, 6875f9f7, 2026-11-22)",
         constants=("landmarks.detection.top_probability", "landmarks.uniqueness.EXCLUSION_PX", "landmarks.uniqueness.RING"),
         unpriced="no switch: part of every claim", price="none beside a claim; without it 5.4 % of the usable conditions are others, 0.96 of a probability at most (50 km of the sample, 6bb26eca, 2026-11-28)",
+    ),
+    Approximation(
+        "sigma of a match",
+        Figure(50.0, "%", "sigma without the growth by its residuals", LIMIT),
+        "residuals count as correlated up to 7 pixels apart, and the variance grows 1 + 3 r times, r their correlation, 0 to 1: sigma 1 to 2 times, for errors of a render that leave residuals only in part (exact; fitted to photographs). 2 or 4 in place of 3: 0.87 to 1.12 times",
+        constants=("kernels.matching.subpixel_fit._LAGS", "kernels.matching.subpixel_fit._MISMATCH"),
+        unpriced="no switch: part of a match; `lcp validate` states its normalised squared error", price="none in builds; the sums over neighbours are part of each fit",
     ),
     Approximation(
         "fits that broad peaks lose",
@@ -470,6 +484,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "places 12 steps apart in a footprint, 4 in a large region; a point counts where it is in view from every place between them, so never fewer points than are needed: in 0.73 of the footprint's area. 300 km, footprints of 60 km, 3000 made candidates: 417 points, with 24 steps 381, with 40 steps 365: 14 % more (7258c1d9, 2026-11-28)",
         constants=("production.promise._FINEST", "production.promise._COARSEST"), unpriced="no switch: it follows from `points.footprint_km` and the region",
         price="0.2 s of the choice, 1.2 s with 24 steps (3000 made candidates)",
+    ),
+    Approximation(
+        "latitudes of a promise",
+        Figure(0.125, "deg", "the latitude at which Suns happen", LIMIT),
+        "latitudes are rounded to 0.25 deg for what Suns happen at a place. None of 64 points is another with 0.025 or 1 deg (promise of six points in 30 km, 75 km of the sample, 789c278e, 2026-11-29)",
+        constants=("production.promise._LATITUDE_STEP_DEG",), unpriced="no switch: it is far below the steps of a grid of Suns",
+        price="none beside noise: with 0.025 deg 1.02, with 1 deg 1.04 of the processor time (one run each, 789c278e, 2026-11-29)",
     ),
     Approximation(
         "exchanges of points",

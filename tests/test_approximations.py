@@ -36,12 +36,14 @@ from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.exports.flight import ANGLE_STEPS
+from lcp_catalog.kernels.matching.subpixel_fit import _MISMATCH
 from lcp_catalog.kernels.resampling import heights
 from lcp_catalog.landmarks.detection import _PROBITS_OF_SEARCH
 from lcp_catalog.matching.templates import TOLERANCE_PX
 from lcp_catalog.production.build_decisions import TURNED
 from lcp_catalog.production.config import SUN_ELEVATIONS_DEG, BuildConfig, ViewConfig
 from lcp_catalog.production.evaluation import STEP
+from lcp_catalog.production.promise import _LATITUDE_STEP_DEG
 from lcp_catalog.simulation.detector import REACH
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -334,6 +336,8 @@ def test_figures_of_errors_are_those_of_the_code() -> None:
         "motion of a camera between rows of its table": 0.001 * 10.0**2 / 8.0,
         "steps of the flight file": 0.5 * 180.0 / ANGLE_STEPS,
         "rounding of height errors": 100.0 * (math.exp(0.5 * STEP) - 1.0),
+        "latitudes of a promise": 0.5 * _LATITUDE_STEP_DEG,
+        "sigma of a match": 100.0 * (1.0 - 1.0 / math.sqrt(1.0 + _MISMATCH)),
         "one direction to the Sun from an area": math.degrees(half_m / ASTRONOMICAL_UNIT_M),
     }
     for name, value in told.items():
