@@ -11,7 +11,7 @@ result is valid for any rays and efficient for neighbouring ones: nothing is ass
 its roll or its distortion.
 
 Each ray then continues from its cell at that height, cell by cell as if it were alone: first all
-rays of a tile together (`_walk`), then the remaining ones one by one (`tracing.met`). The start of
+rays of a tile together (`joint_walk`), then the remaining ones one by one (`tracing.met`). The start of
 a ray does not change the result by a single bit.
 """
 
@@ -23,9 +23,11 @@ from numba import prange
 from ..cache import njit
 from ..completion import all_done
 from .bundles import approach, hit_from, on_grid
-from .tracing import NEVER, PATIENCE, UNDERGROUND_M, entered, inverse_of, met, met_in_cell
+from .joint_walk import RAYS, ROWS, start_together, walk_on, walking_ray
+from .tracing import PATIENCE, met
 
 TILE = 8
+"""A tile of TILE x TILE pixels has RAYS rays."""
 TILES = 8
 """Tiles along a block's side."""
 
@@ -141,94 +143,28 @@ def _approach(rows, cols, summit, ou, ov, oz, gsd, directions, i0, i1, j0, j1, q
 
 
 @njit(nogil=True, error_model="numpy")
-def _start(z, summit, clear, queue, count, place, walk, alive):
-    """Put the rays that enter from above and are clear down to ``clear`` into their first cells:
-    row and column into place (2, rays), parameter into walk (2, rays), indices into alive. Return
-    their number; the others keep walk[1] = NaN.
-    """
-    rows, cols = z.shape
-    walking = 0
-    for q in range(count):
-        du, dv, dz, inverse_u, inverse_v = (
-            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q]
-        )  # fmt: skip
-        inverse_z, length, first = queue[5, q], queue[6, q], queue[7, q]
-        u, v, height = queue[8, q], queue[9, q], queue[10, q]
-        falls = (dz < 0.0) & (clear < height) & (height + UNDERGROUND_M >= summit)
-        plain = falls & (length > 0.0) & (not math.isnan(first))
-        walk[1, q] = math.nan
-        s_clear = (clear - height) * inverse_z if plain else 0.0
-        col, in_u = entered(u if plain else 0.0, du, inverse_u, cols - 1, 0, s_clear)
-        row, in_v = entered(v if plain else 0.0, dv, inverse_v, rows - 1, 0, s_clear)
-        inside = (col >= 0) & (row >= 0) & (col < cols - 1) & (row < rows - 1)
-        place[0, q], place[1, q], walk[0, q] = row, col, max(in_u, in_v, 0.0)
-        if plain:
-            walk[1, q] = -1.0
-        alive[walking] = q
-        walking += 1 if plain & inside else 0
-    return walking
-
-
-@njit(nogil=True, error_model="numpy")
-def _walk(z, queue, place, walk, alive, walking):
-    """Move every walking ray on by one cell: walk[1] is the parameter of its hit there, else -1.
-    Return the number of rays that walk on.
-
-    Without branches that depend on a hit, so that the processor works on many rays at once: waiting
-    for the result of one ray's cell took longer than all arithmetic.
-    """
-    rows, cols = z.shape
-    on = 0
-    for k in range(walking):
-        q = alive[k]
-        du, dv, dz, inverse_u, inverse_v = (
-            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q]
-        )  # fmt: skip
-        u, v, height = queue[8, q], queue[9, q], queue[10, q]
-        row, col, s = place[0, q], place[1, q], walk[0, q]
-        right, down = (1 if du > 0.0 else 0), (1 if dv > 0.0 else 0)
-        s_u = (col + right - u) * inverse_u if du != 0.0 else NEVER
-        s_v = (row + down - v) * inverse_v if dv != 0.0 else NEVER
-        s_out = max(min(s_u, s_v), s)
-        s_diagonal = ((col - row) - (u - v)) * inverse_of(du - dv)
-        by_u = s_u < s_v
-        found = met_in_cell(
-            z, row, col, u, v, height, du, dv, dz, s, s_diagonal, s_out, NEVER, by_u
-        )
-        walk[1, q], walk[0, q] = found, s_out
-        col += (2 * right - 1) if by_u else 0
-        row += 0 if by_u else (2 * down - 1)
-        place[0, q], place[1, q] = row, col
-        inside = (col >= 0) & (row >= 0) & (col < cols - 1) & (row < rows - 1)
-        alive[on] = q
-        on += 1 if (found < 0.0) & inside else 0
-    return on
-
-
-@njit(nogil=True, error_model="numpy")
 def _tile_solid(
-    z, pyramid, summit, oz, clear, queue, place, walk, alive, out,
-    i0, i1, j0, j1,
+    z, pyramid, summit, oz, clear, queue, work, found, out, i0, i1, j0, j1,
 ):  # fmt: skip
     """Trace a tile's rays over a raster without nodata: together for some cells, then the remaining
     rays one by one.
     """
     count = max(i1 - i0, 0) * max(j1 - j0, 0)  # tiles outside the image have no rays
-    walking = _start(z, summit, clear, queue, count, place, walk, alive)
+    rows, cols = z.shape
+    walking = start_together(float(rows), float(cols), summit, clear, queue, count, work, found)
     for _ in range(PATIENCE):
         if walking == 0:
             break
-        walking = _walk(z, queue, place, walk, alive, walking)
+        walking = walk_on(z, work, walking, found)
     for k in range(walking):
-        q = alive[k]
-        walk[1, q] = met(
-            z, False, pyramid, summit, queue[8, q], queue[9, q], queue[10, q],
-            queue[0, q], queue[1, q], queue[2, q], queue[3, q], queue[4, q], walk[0, q], 0,
+        q, (u, v, height, du, dv, dz, inverse_u, inverse_v, s) = walking_ray(work, k)
+        found[q] = met(
+            z, False, pyramid, summit, u, v, height, du, dv, dz, inverse_u, inverse_v, s, 0
         )  # fmt: skip
     k = 0
     for i in range(i0, i1):
         for j in range(j0, j1):
-            met_at = walk[1, k]
+            met_at = found[k]
             if not math.isnan(met_at):
                 out[i, j] = (queue[7, k] + met_at) / queue[6, k] if met_at >= 0.0 else math.nan
             else:
@@ -276,8 +212,7 @@ def _block(
     """Trace a block of TILES x TILES tiles."""
     rows, cols = out.shape
     cones = np.empty((TILES * TILES, 4))
-    queue, walk = np.empty((11, TILE * TILE)), np.empty((2, TILE * TILE))
-    place, alive = np.empty((2, TILE * TILE), np.int64), np.empty(TILE * TILE, np.int64)
+    queue, work, found = np.empty((11, RAYS)), np.empty(ROWS * RAYS), np.empty(RAYS)
     whole = (math.inf, -math.inf, math.inf, -math.inf)
     for k in range(TILES * TILES):
         i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
@@ -292,6 +227,10 @@ def _block(
     common = _clear_height(pyramid, ou, ov, oz, whole, top) if useful else top
     for k in range(TILES * TILES):
         i, j = i0 + k // TILES * tile_rows, j0 + k % TILES * tile_cols
+        i1, j1 = min(i + tile_rows, rows), min(j + tile_cols, cols)
+        if oz > summit and cones[k, 0] > cones[k, 1]:  # none falls: none meets terrain
+            out[i:i1, j:j1] = math.nan
+            continue
         clear = math.inf
         if useful and cones[k, 0] <= cones[k, 1]:
             clear = _clear_height(
@@ -303,14 +242,12 @@ def _block(
                 common,
             )
             clear += SMALL_CELLS + SMALL * (abs(oz) + abs(clear))
-        i1, j1 = min(i + tile_rows, rows), min(j + tile_cols, cols)
         _approach(*z.shape, summit, ou, ov, oz, gsd, directions, i, i1, j, j1, queue)
         if holes:
             _tile_holed(z, pyramid, summit, oz, clear, queue, out, i, i1, j, j1)
         else:
             _tile_solid(
-                z, pyramid, summit, oz, clear, queue, place, walk, alive,
-                out, i, i1, j, j1,
+                z, pyramid, summit, oz, clear, queue, work, found, out, i, i1, j, j1,
             )  # fmt: skip
 
 

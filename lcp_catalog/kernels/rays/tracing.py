@@ -73,15 +73,15 @@ def _meeting(z, holes, i, j, ou, ov, oz, du, dv, dz, s, s_below, below):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def met_in_cell(z, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u):
-    """Parameter between s and s_out at which a ray first passes through the surface in cell (i, j),
-    whose nodes all have heights; -1 without any.
+def met_in_cell(
+    z00, z01, z10, z11, i, j, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, by_u
+):  # fmt: skip
+    """Parameter between s and s_out at which a ray first passes through the surface in cell (i, j)
+    with nodes z00 (north-west), z01 (north-east), z10 and z11, all float64 heights; -1 without any.
 
     Equivalent to `_trace` and `_meeting`, with selected values in place of branches: the edge that
     a ray meets is not predictable, and a mispredicted branch costs more than both edges.
     """
-    z00, z01 = np.float64(z[i, j]), np.float64(z[i, j + 1])
-    z10, z11 = np.float64(z[i + 1, j]), np.float64(z[i + 1, j + 1])
     parted = (s < s_diagonal) & (s_diagonal < s_out) & (s_diagonal <= s_end)
     f = unit(ou + du * s_diagonal - j)
     gap_diagonal = oz + dz * s_diagonal - (z00 + (z11 - z00) * f if f < 1.0 else z11)
@@ -134,27 +134,24 @@ def child_at(u, v, du, dv, col, row, level):
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
-def entered(start, rate, inverse, size, level, s):
-    """The block of 2^level cells along an axis in which a ray is after all crossings with grid
-    lines up to s, and the crossing at which it entered the block.
+def entered(start, rate, inverse, size, side, s):
+    """The block of ``side`` cells (a power of two) along an axis in which a ray is after all
+    crossings with grid lines up to s, and the crossing at which it entered the block; all float64.
 
-    -1 or ``size`` (blocks of this level) if it has left the raster. The position is only a first
-    guess; the crossings, computed as in `_trace`, determine the block.
+    -1 or ``size`` (blocks) if it has left the raster. The position is only a first guess; the
+    crossings, computed as in `_trace`, determine the block. Without branches, as `met_in_cell`.
     """
-    block = int(min(max(start + rate * s, 0.0), (size << level) - 1.0)) >> level
-    if rate > 0.0:
-        if ((block << level) - start) * inverse > s and block > 0:
-            block -= 1
-        if (((block + 1) << level) - start) * inverse <= s:
-            block += 1
-        return block, ((block << level) - start) * inverse
-    if rate < 0.0:
-        if (((block + 1) << level) - start) * inverse > s and block < size - 1:
-            block += 1
-        if ((block << level) - start) * inverse <= s:
-            block -= 1
-        return block, (((block + 1) << level) - start) * inverse
-    return block, 0.0
+    guess = math.floor(min(max(start + rate * s, 0.0), size * side - 1.0) / side)
+    rises, falls = rate > 0.0, rate < 0.0
+    low, high = (guess * side - start) * inverse, ((guess + 1.0) * side - start) * inverse
+    block = guess - 1.0 if rises & (low > s) & (guess > 0.0) else guess
+    block = guess + 1.0 if falls & (high > s) & (guess < size - 1.0) else block
+    ahead = block + 1.0 if rises else block
+    passed = (ahead * side - start) * inverse <= s
+    block = block + 1.0 if rises & passed else block
+    block = block - 1.0 if falls & passed else block
+    behind = block + 1.0 if falls else block
+    return block, (behind * side - start) * inverse if rises | falls else 0.0
 
 
 @njit(nogil=True, error_model="numpy", forceinline=True)
@@ -192,8 +189,10 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
     col, row, s = col >> level, row >> level, 0.0
     walked = 0 if s_clear > 0.0 else PATIENCE
     if first_hit and s_clear > 0.0:
-        col, in_u = entered(ou, du, inverse_u, widths[level], level, s_clear)
-        row, in_v = entered(ov, dv, inverse_v, heights[level], level, s_clear)
+        side = float(1 << level)
+        u_block, in_u = entered(ou, du, inverse_u, float(widths[level]), side, s_clear)
+        v_block, in_v = entered(ov, dv, inverse_v, float(heights[level]), side, s_clear)
+        col, row = int(u_block), int(v_block)
         if col < 0 or row < 0 or col >= widths[level] or row >= heights[level]:
             return -1.0
         s = max(in_u, in_v, 0.0)
@@ -220,8 +219,10 @@ def _trace(  # noqa: C901, PLR0911, PLR0912, PLR0915  (one loop, kept in registe
         elif first_hit and not holes:
             s_diagonal = ((col - row) - start_across) * inverse_across
             found = met_in_cell(
-                z, row, col, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, s_u < s_v
-            )
+                np.float64(z[row, col]), np.float64(z[row, col + 1]),
+                np.float64(z[row + 1, col]), np.float64(z[row + 1, col + 1]),
+                row, col, ou, ov, oz, du, dv, dz, s, s_diagonal, s_out, s_end, s_u < s_v,
+            )  # fmt: skip
             if found >= 0.0:
                 return found
         else:
