@@ -22,6 +22,7 @@ from ..geometry.bounds import Bounds
 from ..geometry.frames import EnuFrame, lonlat_to_mcmf, mcmf_to_lonlat
 from ..terrain.area import Area, NodeWindow
 from .model_config import ModelConfig
+from .sweep import PART_STEP
 
 AREAS_MAX = 500_000
 """Most areas of a build: twice the whole Moon in cells of 24 m. A planned area takes 1.5 kB."""
@@ -109,7 +110,8 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
 
     An area's part of the region is found from sample points in its box and on the region's outline (a
     narrow part can lie between the points of the box). All areas of a row that lie wholly in the
-    region have the same window, which is computed once. AreaError for more than `AREAS_MAX`.
+    region have the same window, which is computed once; that of a part begins at multiples of `PART_STEP` nodes
+    after it, so that pixels of coarser images are those of the whole area. AreaError for more than `AREAS_MAX`.
     """
     _require_few(grid, region, gsd_m)
     outline = _outline_by_area(grid, region)
@@ -132,7 +134,7 @@ def plan_areas(grid: AreaGrid, region: Area, gsd_m: float) -> list[AreaTask]:
                 places = np.concatenate([lon[mine], edge[0]]), np.concatenate([lat[mine], edge[1]])
                 if not places[0].size:
                     continue
-                window = _window(grid, row, column, places, False, gsd_m)
+                window = _aligned(_window(grid, row, column, places, False, gsd_m), full)
             tasks.append(AreaTask(row, column, *grid.middle(row, column), window))
     return tasks
 
@@ -247,3 +249,14 @@ def _window(
         col0=math.floor(x.min() / gsd_m - margin),
         col1=math.ceil(x.max() / gsd_m + margin) + 1,
     )
+
+
+def _aligned(part: NodeWindow, whole: NodeWindow) -> NodeWindow:
+    """The window of a part of an area, within that of the whole area, with a first row and column that are multiples of
+    `PART_STEP` after those of the whole.
+    """
+    row0, col0 = (
+        start + max(0, own - start) // PART_STEP * PART_STEP
+        for own, start in ((part.row0, whole.row0), (part.col0, whole.col0))
+    )
+    return NodeWindow(row0, min(part.row1, whole.row1), col0, min(part.col1, whole.col1))

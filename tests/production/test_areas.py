@@ -4,7 +4,9 @@ region.
 
 from __future__ import annotations
 
+import dataclasses
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.geometry.frames import EnuFrame, central_angle_deg, lonlat_to_mcmf, mcmf_to_lonlat
+from lcp_catalog.production.area_job import AreaJob, run_area
 from lcp_catalog.production.areas import AreaGrid, plan_areas
+from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.model_config import ModelConfig
+from lcp_catalog.production.point_config import PointConfig
+from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.area import Area
 
+SAMPLE = Path(__file__).parents[2] / "sample_data"
 GRID = AreaGrid.for_cell(118.0, ModelConfig())
 
 
@@ -105,3 +112,62 @@ def test_areas_wholly_inside_a_large_region_have_the_windows_that_they_have_alon
             alone = {t.name: t.window for t in plan_areas(GRID, box, 118.0)}
             assert alone[task.name] == task.window
     assert inner > 30
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    lon=st.sampled_from([3.5, 180.0, -0.1]),
+    lat=st.sampled_from([0.0, 26.0, -75.0, 89.0, 90.0, -90.0]),
+    size=st.floats(3.0, 80.0),
+)
+def test_a_border_moves_no_pixel_of_coarser_images(lon: float, lat: float, size: float) -> None:
+    """Images are halved from the first node of an area's window: a window that a border cuts begins a multiple of the
+    coarsest scale after that of the whole area, and lies in it.
+    """
+    scales = PointConfig(patch_nodes=161).scales
+    assert max(scales) == 16
+    for task in plan_areas(GRID, Area(lon, lat, size), 118.0):
+        middle = EnuFrame(task.lon_deg, task.lat_deg)
+        west, south, east, north = GRID.box(task.row, task.column)
+        lons, lats = np.meshgrid(np.linspace(west, east, 97), np.linspace(south, north, 97))
+        x, y, _ = np.moveaxis(middle.from_mcmf(lonlat_to_mcmf(lons, lats)), -1, 0)
+        row0, col0 = (int(np.floor(value.min() / 118.0 - 1.0)) for value in (-y, x))
+        window = task.window
+        for first, whole in ((window.row0, row0), (window.col0, col0)):
+            assert first >= whole
+            assert (first - whole) % max(scales) == 0
+        assert window.row1 <= np.ceil(-y.min() / 118.0 + 1.0) + 1
+        assert window.col1 <= np.ceil(x.max() / 118.0 + 1.0) + 1
+
+
+def jobs_of_sample(size_km: float) -> dict[str, AreaJob]:
+    """The jobs of a part of the sample with two Suns, by the names of their areas."""
+    config = BuildConfig.from_toml(SAMPLE / "hadley.toml")
+    config = dataclasses.replace(
+        config,
+        area=dataclasses.replace(config.area, size_km=size_km),
+        sun=dataclasses.replace(
+            config.sun, elevations_deg=(15.0, 30.0), azimuths_deg=(90.0, 270.0)
+        ),
+    )
+    jobs = Build.plan([SAMPLE / "hadley_gld100_256ppd.tif"], config).jobs
+    return {job.task.name: job for job in jobs}
+
+
+def test_claims_do_not_depend_on_the_border_of_the_region() -> None:
+    """Those of the same candidates of an area, of which a region has a part, and of the whole area, at all scales."""
+    (name, cut), *_ = jobs_of_sample(10.0).items()
+    whole = jobs_of_sample(80.0)[name]
+    assert cut.nodes < 0.5 * whole.nodes
+    one, other = (run_area(job).candidates for job in (cut, whole))
+    apart = np.hypot(one.lon_deg[:, None] - other.lon_deg, one.lat_deg[:, None] - other.lat_deg)
+    mine, theirs = np.nonzero(apart < 1e-9)
+    assert len(mine) >= 3
+    assert one.evaluation.detection.shape[1] == 3
+    assert np.ptp(one.evaluation.detection[mine, 2], axis=None) > 0.1
+    for field in ("detection", "sigma_major_m"):
+        np.testing.assert_allclose(
+            getattr(one.evaluation, field)[mine],
+            getattr(other.evaluation, field)[theirs],
+            rtol=1e-3,
+        )
