@@ -60,7 +60,8 @@ BUDGETS = {
     # 37: 48 processes that the passes of a build share, the scatter of a build's time, a list below the trade's table
     # 37: 24 rows of corners, latitudes of a promise and sigma of a match; a page without alternatives
     # 36: 30 camera rays of a tile walk together, in loops that the compiler vectorises
-    "code lines, lcp_catalog": 49529,
+    # 35: 8 parts of areas that begin at a pixel of the coarsest images
+    "code lines, lcp_catalog": 49537,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue
