@@ -176,7 +176,7 @@ def disturbed(
         kill = None if ended() else _kill(way, processes, dice)
         if not wait_for(ended, LIMIT_S):
             fault = "the build did not end"
-        elif not wait_for(lambda: all(is_gone(build.pid) for build in builds), 5.0):
+        elif not wait_for(lambda: all(is_gone(build.pid) for build in builds), 30.0):
             fault = "processes are left"
         else:
             fault = ""
