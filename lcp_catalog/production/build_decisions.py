@@ -23,10 +23,10 @@ def scattered_of_matches(node: Decision) -> Decision:
 
 
 TURNED_DEG = 0.5, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 12.0, 15.0, 20.0
-TURNED = 0.047, 0.041, 0.041, 0.023, 0.023, 0.0085, 0.0061, 0.0042, 0.0004, 0.0
+TURNED = 0.047, 0.041, 0.041, 0.028, 0.023, 0.0085, 0.0061, 0.0042, 0.0007, 0.0
 """Elevations of the Sun, and the share of the `unshadowed` flags there that are others than under the points' own Suns, for a
-tolerance of 0.5 deg (cells of 474 m, the greater of the sample's and, up to 4 deg, of that at 84 N; c167345, ede1714 and, up to 2
-deg, 2b1335ac, 2026-11-27).
+tolerance of 0.5 deg (cells of 474 m, the greater of the sample's and, up to 4 deg, of that at 84 N; c167345, ede1714; up to 2
+deg 2b1335ac, 2026-11-27; 3 and 15 deg c987a91f, 2026-11-29).
 The share is nearly proportional to the tolerance."""
 
 TURNED_MOST = 0.005
