@@ -325,10 +325,8 @@ def _one_pool(
     finally:
         if workers and idle:
             workers.keep(pool)
-        else:
-            _stop(
-                pool
-            )  # idle workers have nothing to finish: half a second less than their own end
+        else:  # idle workers have nothing to finish: half a second less than their own end
+            _stop(pool)
 
 
 def _fill(
