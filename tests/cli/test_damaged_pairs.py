@@ -156,7 +156,8 @@ def _refused(line: str, words: Words, capsys: Any, whole: bytes = b"", names: st
     same = bool(whole) and code == 0 and [path.read_bytes() for path in left] == [whole]
     for path in left:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    if same or (words.verdict and code == 4 and "NOT " in out and names in out):
+    said = "NOT " in out or out.endswith(": made by lcp 0.2; build it again\n")
+    if same or (words.verdict and code == 4 and said and names in out):
         return ""
     lines = [
         one
