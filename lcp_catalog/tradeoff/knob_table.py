@@ -27,7 +27,7 @@ KNOBS_EXPLAINED = (
     "areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query.",
     "points: chosen among the measured areas by spacing; all areas tell the promise.",
     "worth of points: each by the usable share of its conditions, over that of the configuration, in brackets the 90 % interval of the mean over "
-    f"areas. Less than {LEAST_USABLE:g} is not taken for a budget. A dash: not known; areas of another size have other borders, and with a promise "
+    f"areas, at least as wide as a change of a point that no area shows may be. Less than {LEAST_USABLE:g} is not taken for a budget. A dash: not known; areas of another size have other borders, and with a promise "
     "two passes evaluate what it takes of the whole region: only all areas tell it.",
     "shift: median over windows, lowest Suns.",
     "Not taken for a budget, since their catalogue is not the one asked for: "

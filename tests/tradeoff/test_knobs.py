@@ -146,6 +146,32 @@ def test_intervals_hold_for_as_many_other_areas() -> None:
     assert 0.85 < inside / runs < 0.95
 
 
+def test_the_interval_of_worth_allows_for_changes_that_no_area_shows() -> None:
+    """Of 4 or 14 areas of two points each, of which one in ten loses or gains one, the mean is inside in at least 9 of 10 draws; by
+    the areas' scatter alone in fewer than 8, as most often none changes. Where none does it is the limit of no event."""
+    rng = np.random.default_rng(5)
+    for areas in (4, 14):
+        inside, alone, runs = 0, 0, 600
+        for _ in range(runs):
+            usual = np.full(areas, 2.0)
+            lost, gained = rng.random((2, areas)) < [[0.06], [0.04]]
+            both = np.stack([usual - lost + gained, usual], 1)
+            (low, high), (below, above) = (
+                knob_rows.worth_interval(both, 2 * areas) or (1.0, 0.0),
+                knobs.ratio_interval(both, math.inf) or (1.0, 0.0),
+            )
+            assert low <= below
+            assert high >= above
+            inside += low <= 0.99 <= high
+            alone += below <= 0.99 <= above
+        assert alone < 0.8 * runs < 0.9 * runs <= inside
+        same = np.stack([usual, usual], 1)
+        limit = stats.binomtest(0, areas).proportion_ci(0.9, "exact").high
+        half = limit / 2.0  # a point of two
+        assert knob_rows.worth_interval(same, 2 * areas) == pytest.approx([1.0 - half, 1.0 + half])
+    assert knob_rows.worth_interval(same[:1], 2) is None
+
+
 def test_the_views_between_are_in_reach_of_those_of_the_build() -> None:
     (views,) = (one for one in APPROXIMATIONS if one.name.startswith("views"))
     for own in ((0.0,), (0.0, *[50.0] * 4)):
