@@ -6,9 +6,13 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from typing import Any, get_type_hints
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
 
-from .errors import ConfigError, unknown_keys
+from .errors import ConfigError, plain, unknown_keys, unread
+from .file_kinds import other_kind
+
+T = TypeVar("T")
 
 _DEEPEST = 100
 _DEEP = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_DEEPEST}}}")
@@ -25,6 +29,19 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ConfigError(f"not TOML: {error}") from error
     except RecursionError as error:
         raise ConfigError("not a configuration: it is nested too deeply") from error
+
+
+def read_toml(path: Path | str, meaning: Callable[[str], T]) -> T:
+    """The meaning of a TOML file's text. The ConfigError of an invalid file names it; InputError if it cannot be read."""
+    try:
+        return meaning(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise unread(path, error) from error
+    except UnicodeDecodeError as error:
+        kind = other_kind(path, "TOML") or "not TOML: not a text file in UTF-8"
+        raise ConfigError(f"{path}: {kind}") from error
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {plain(error)}") from error
 
 
 def is_number(value: object) -> bool:

@@ -229,7 +229,7 @@ def _civil(time: Time) -> tuple[dt.datetime, int]:
         try:
             time = dt.datetime.fromisoformat(text)
         except ValueError as error:
-            why = "" if "isoformat" in str(error) else f": {error}"
+            why = "" if re.search("isoformat|timedelta", str(error)) else f": {error}"
             raise SunError(f"invalid time: {stated!r} (like 2024-01-01T00:00:00){why}") from error
     if not isinstance(time, dt.datetime):
         raise not_a(time, "time", "ISO text, a datetime, a datetime64 or a time of astropy")

@@ -45,9 +45,9 @@ import tomli_w
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..errors import ConfigError, plain, unread
+from ..errors import ConfigError
 from ..kernels.photometry import facet as kernel
-from ..toml_files import is_number, parse_toml
+from ..toml_files import is_number, parse_toml, read_toml
 
 ALBEDO = 0.12
 """Default albedo, that of the Lambert model here, typical of the Moon."""
@@ -431,14 +431,7 @@ class FacetFile:
 
 def load_model(path: Path | str) -> FacetFile:
     """Read a MODEL.toml; the ConfigError of an invalid file names it. InputError if it cannot be read."""
-    try:
-        return FacetFile.from_toml(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise unread(path, error) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: not a text file in UTF-8") from error
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {plain(error)}") from error
+    return read_toml(path, FacetFile.from_toml)
 
 
 def facet_model(which: str = "") -> FacetModel:

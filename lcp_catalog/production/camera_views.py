@@ -49,6 +49,12 @@ _PIXELS = 1024
 _SAMPLES = 17
 """Rays along a border of an image."""
 
+_FINE = 256
+"""Rays along a side of an image that shows ground near the limb, for the area of the ground."""
+
+_GRAZING_DEG = 20.0
+"""Ground that is seen at less than this elevation of the camera is near the limb."""
+
 
 @dataclass(frozen=True, eq=False)
 class Seen:
@@ -156,11 +162,8 @@ class Seen:
 def _seen(sensor: Sensor) -> tuple[Array, Array, float, float, Bounds]:
     """Places in the view plane (n, 2), Suns (n, 2), pixel, area of the ground and bounds of one image."""
     bounds = footprint(sensor)
-    positions, directions = sensor.looks(border_and_inside(sensor.shape, _SAMPLES))
-    looking = np.isfinite(directions).all(axis=-1)
-    distance, ground = sphere_intersection.hits(positions[looking], directions[looking])
-    met = np.isfinite(distance)
-    ground, towards = ground[met], -directions[looking][met]
+    pixels = border_and_inside(sensor.shape, _SAMPLES)
+    ground, towards = _seen_ground(sensor, pixels)
     if not len(ground):
         raise sees_nothing(sensor)
     lon, lat, _ = mcmf_to_lonlat(ground)
@@ -172,11 +175,34 @@ def _seen(sensor: Sensor) -> tuple[Array, Array, float, float, Bounds]:
     if sensor.sun_position_mcmf_m is not None or sensor.time_utc is not None:
         sun = SunChoice().direction_mcmf(EnuFrame(float(lon[0]), float(lat[0])), sensor)
         suns = np.stack(azimuth_elevation(rotation @ sun), axis=-1)
-    pixel = pixel_size_m(sensor, ground)
-    slant = np.maximum(np.sin(np.radians(above)), math.cos(math.radians(FARTHEST_DEG)))
-    share = len(ground) / len(positions)
-    area = float(np.mean(pixel**2 / slant)) * share * math.prod(sensor.shape)
-    return view_plane(90.0 - above, azimuth), suns, float(np.median(pixel)), area, bounds
+    pixel = float(np.median(pixel_size_m(sensor, ground)))
+    if len(ground) < len(pixels) or above.min() < _GRAZING_DEG:
+        pixels = (np.indices((_FINE, _FINE)).reshape(2, -1).T + 0.5) / _FINE * sensor.shape[::-1]
+        ground, towards = _seen_ground(sensor, pixels - 0.5)
+    share = len(ground) / len(pixels)
+    return (
+        view_plane(90.0 - above, azimuth),
+        suns,
+        pixel,
+        share * _ground_area(sensor, ground, towards),
+        bounds,
+    )
+
+
+def _seen_ground(sensor: Sensor, pixels: Array) -> tuple[Array, Array]:
+    """Places (m, 3) on the sphere that pixels (n, 2) see, and the directions from there to the camera, MCMF."""
+    positions, directions = sensor.looks(pixels)
+    looking = np.isfinite(directions).all(axis=-1)
+    distance, ground = sphere_intersection.hits(positions[looking], directions[looking])
+    met = np.isfinite(distance)
+    return ground[met], -directions[looking][met]
+
+
+def _ground_area(sensor: Sensor, ground: Array, towards: Array) -> float:
+    """Area in m^2 of the ground of an image whose pixels are alike those at ``ground`` (m, 3), seen along ``towards``."""
+    sine = np.einsum("ni,ni->n", ground, towards) / np.linalg.norm(ground, axis=-1)
+    slant = np.maximum(sine, math.cos(math.radians(FARTHEST_DEG)))
+    return float(np.mean(pixel_size_m(sensor, ground) ** 2 / slant)) * math.prod(sensor.shape)
 
 
 def view_places(seen: Array) -> Array:

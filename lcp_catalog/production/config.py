@@ -21,10 +21,10 @@ from ..choices import (
     LEVEL_RATIO,
     SCHEMA,
 )
-from ..errors import ConfigError, plain, unread
+from ..errors import ConfigError
 from ..fields import check_fields, meanings, meant, require
 from ..remote_files import beside
-from ..toml_files import dataclass_of, parse_toml
+from ..toml_files import dataclass_of, parse_toml, read_toml
 from .error_config import ErrorConfig
 from .model_config import ModelConfig
 from .point_config import PointConfig
@@ -411,14 +411,7 @@ class BuildConfig:
         """Read a BUILD.toml. ConfigError for unknown sections or keys, and for invalid values; InputError if it
         cannot be read.
         """
-        try:
-            config = cls.from_dict(parse_toml(path.read_text(encoding="utf-8")))
-        except OSError as error:
-            raise unread(path, error) from error
-        except UnicodeDecodeError as error:
-            raise ConfigError(f"{path}: not TOML: {error}") from error
-        except ConfigError as error:
-            raise ConfigError(f"{path}: {plain(error)}") from error
+        config = read_toml(path, lambda text: cls.from_dict(parse_toml(text)))
         folder = path.parent
         return dataclasses.replace(
             config, model=config.model.beside(folder), dem=config.dem.beside(folder)

@@ -320,9 +320,7 @@ class BuildRun:
         running; ConfigError for a build of one pass.
         """
         if not self._two_passes:
-            raise ConfigError(
-                "nothing is chosen between the passes of one: `points.passes` is not 2"
-            )
+            raise ConfigError("a choice between two passes needs `points.passes` 2")
         with self._parts_alone():
             left = self._left([replace(job, step=FIRST) for job in self.build.jobs])
             rounds: dict[str, dict[str, Index]] = {step: {} for step in ROUNDS}

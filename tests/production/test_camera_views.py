@@ -75,6 +75,29 @@ def test_a_narrow_camera_straight_down_has_one_view() -> None:
     assert seen.footprint_km == pytest.approx(2.0 * side_km / math.sqrt(math.pi), rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("field_deg", "altitude_km", "rel"),
+    [(74.0, 110.0, 0.04), (120.0, 50.0, 0.01), (60.0, 1000.0, 0.01)],
+)
+def test_the_footprint_is_the_area_of_all_pixels(
+    field_deg: float, altitude_km: float, rel: float
+) -> None:
+    """Against the sum over solid angles: r^2 / cos(emission) for each of a million rays."""
+    half = math.tan(math.radians(field_deg) / 2.0)
+    x, y = np.meshgrid(*[((np.arange(1000) + 0.5) / 500.0 - 1.0) * half] * 2)
+    length = np.sqrt(x * x + y * y + 1.0)
+    solid = (2.0 * half / 1000) ** 2 / length**3
+    height, radius = 1e3 * altitude_km + MOON_RADIUS_M, MOON_RADIUS_M
+    off_nadir = np.arccos(1.0 / length)
+    emission = np.arcsin(np.sin(off_nadir) * height / radius)
+    away = radius * np.sin(emission - off_nadir) / np.sin(off_nadir)
+    area = np.sum(away**2 * solid / np.cos(emission))
+    diameter_km = 2e-3 * math.sqrt(area / math.pi)
+    assert Seen.from_above(field_deg, altitude_km).footprint_km == pytest.approx(
+        diameter_km, rel=rel
+    )
+
+
 def test_a_wide_camera_sees_to_the_angle_of_the_sphere() -> None:
     seen = Seen.from_above(74.0, 110.0)
     side = math.asin((1.0 + 110e3 / MOON_RADIUS_M) * math.sin(math.radians(37.0)))
