@@ -97,7 +97,8 @@ FORMATS = (
     *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".hdf"}, {".json"}),
     *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
     *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}, {".lcpx"}),
-    *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}),
+    *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}, {".xlsx", ".xls"}, {".ods"}, {".shp"}),
+    *({".kml", ".kmz"}, {".npy", ".npz"}, {".mat"}, {".zip", ".gz"}),
 )
 """Endings of files, those of one format together. Any other ending says nothing about the format."""
 

@@ -63,7 +63,8 @@ BUDGETS = {
     # 35: 8 parts of areas that begin at a pixel of the coarsest images
     # 37: 6 an interval of what points are worth for few areas
     # 35: 12 the ground of a camera that sees the limb
-    "code lines, lcp_catalog": 49555,
+    # 38: 1 endings of other programs
+    "code lines, lcp_catalog": 49556,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue
