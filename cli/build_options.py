@@ -181,9 +181,14 @@ def field_option(name: str, default_words: str | None = None, **settings: Any) -
         "factor": factor,
         "type": spelling.kind or _type(get_type_hints(kind)[key], meaning, factor),
         "metavar": spelling.metavar,
-        "help": NAMED.sub(lambda found: OPTIONS[found[1]].flag, text),
+        "help": NAMED.sub(_option_or_name, text),
     }
     return click.option(spelling.flag, key, cls=FieldOption, **(facts | settings))
+
+
+def _option_or_name(found: re.Match[str]) -> str:
+    """The flag of a field that a text names; the field's own name where no option sets it."""
+    return OPTIONS[found[1]].flag if found[1] in OPTIONS else found[1]
 
 
 def _type(hint: object, meaning: Meaning, factor: float) -> ParamType:

@@ -8,7 +8,7 @@ from typing import get_type_hints
 import click
 import pytest
 from lcp_cli.build_catalog import command
-from lcp_cli.build_options import OPTIONS, VIEWS, FieldOption, build_options
+from lcp_cli.build_options import OPTIONS, VIEWS, FieldOption, Spelling, build_options, field_option
 from lcp_cli.main import run
 from lcp_cli.names import in_options, runs
 
@@ -47,6 +47,19 @@ def test_the_range_of_an_option_is_that_of_its_field(option: FieldOption) -> Non
     words = NAMED.split(meaning.text)[::2]  # between the names of other fields
     assert option.name == "views" or all(word in option.help for word in words)
     assert "`" not in option.help
+
+
+@pytest.mark.parametrize(
+    ("name", "named"), [("points.search_doubt", "points.min_detection"), ("model.bounce", "on")]
+)
+def test_a_help_may_name_what_is_no_option(
+    name: str, named: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(OPTIONS, name, Spelling("--planted"))
+    planted = click.command()(field_option(name)(lambda: None))
+    text = planted.params[0].to_info_dict()["help"]
+    assert f" {named}" in text
+    assert "`" not in text
 
 
 def _config(words: list[str]) -> BuildConfig:
