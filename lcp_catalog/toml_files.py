@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -53,26 +53,16 @@ def is_number(value: object) -> bool:
     return not math.isnan(value) if isinstance(value, float) else abs(value) < 1 << 63
 
 
-def dataclass_of(kind: type, name: str, table: object, replaced: Mapping[str, str]) -> Any:
+def dataclass_of(kind: type, name: str, table: object) -> Any:
     """The dataclass ``kind`` with the fields of a table [``name``]. ConfigError for anything but a table,
-    for unknown keys and for values of another type; ``replaced``: keys ("table.key") of older versions, and
-    those that replace them.
+    for unknown keys and for values of another type.
     """
     if not isinstance(table, dict):
         raise ConfigError(f"[{name}] must be a table")
     hints = get_type_hints(kind)
-    for key in sorted(set(table) - set(hints)):
-        if instead := replaced.get(f"{name}.{key}"):
-            raise ConfigError(
-                f"{name}.{key} is replaced by {instead} (since catalogues of schema 2)"
-            )
     if not hints.keys() >= table.keys():
         raise ConfigError(f"[{name}] has {unknown_keys(table, hints)}")
     return kind(**{key: _value(f"{name}.{key}", hints[key], value) for key, value in table.items()})
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and "\0" not in value
 
 
 def _is_list(value: object, fits: Callable[[object], bool]) -> bool:
@@ -85,7 +75,7 @@ _KINDS: tuple[tuple[str, str, Callable[[Any], bool], Callable[[Any], object]], .
     ("bool", "true or false", lambda v: isinstance(v, bool), bool),
     ("float", "a number", is_number, float),
     ("int", "a whole number", lambda v: isinstance(v, int) and is_number(v), int),
-    ("", "a text", _is_text, str),
+    ("", "a text", lambda v: isinstance(v, str) and "\0" not in v, str),
 )  # fmt: skip
 """What is in the type of a field, the first that fits; the values that it takes, in words and as a test; and
 the conversion of these."""

@@ -210,15 +210,10 @@ def of_windows(windows: Sequence[Heights], posting_m: float) -> Resolution:
     """
     spectrum = spectrum_of(windows)
     if spectrum is None:
-        return _untold(
-            posting_m, "posting; too few heights without gaps to estimate the resolution"
-        )
+        how = "posting; too few heights without gaps to estimate the resolution"
+        return Resolution(posting_m, posting_m, math.inf, posting_m, 0.0, math.nan, math.nan, how)
     cell_m2 = float(np.mean([math.prod(window.steps_m) for window in windows]))
     return _fitted(spectrum, posting_m, cell_m2)
-
-
-def _untold(posting_m: float, how: str) -> Resolution:
-    return Resolution(posting_m, posting_m, math.inf, posting_m, 0.0, math.nan, math.nan, how)
 
 
 # -- the spectrum

@@ -254,12 +254,10 @@ def _whole(
         ],
         "gaps": [{**_region(gap), "at_edge": gap.at_edge} for gap in covered.gaps],
         "holes": holes,
-        "disagreements": None if differing is None else [_disagreement(one) for one in differing],
+        "disagreements": None
+        if differing is None
+        else [dataclasses.asdict(one) | {"message": str(one)} for one in differing],
     }
-
-
-def _disagreement(one: Disagreement) -> dict[str, Any]:
-    return {**dataclasses.asdict(one), "message": str(one)}
 
 
 def _band(band: Band) -> dict[str, Any]:

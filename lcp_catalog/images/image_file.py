@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays import Array, Float32
 from ..cameras.camera_file import read_sensor
@@ -510,7 +509,9 @@ def _pixels(image: ImagePixels, codes: Codes, on_map: bool, encoding: str) -> _P
     bright = kinds.high if high is None else kinds.high | (plain & (samples == high))
     if on_map and low is not None and not image.states_nodata:
         valid &= ~touching_edge(plain & (samples == low))  # the margin of the map around the image
-    _require_something(image, samples[plain & valid])
+    something = samples[plain & valid]
+    if something.min() == something.max():
+        raise ImageError(f"{image.path}: is blank: all its valid pixels are equal")
     with np.errstate(over="ignore", invalid="ignore"):  # special float codes are the largest floats
         signal = _signal(image, encoding)
     signal[kinds.low & valid] = signal[plain & valid].min()
@@ -540,11 +541,6 @@ def _kinds(image: ImagePixels, codes: Codes) -> SpecialPixels:
     found = codes.among(samples)
     floats = samples.dtype.name in ("float32", "float64")
     return found | isis_special(samples) if floats or image.isis is not None else found
-
-
-def _require_something(image: ImagePixels, values: NDArray[np.generic]) -> None:
-    if values.min() == values.max():
-        raise ImageError(f"{image.path}: is blank: all its valid pixels are equal")
 
 
 # -- the Sun

@@ -32,15 +32,6 @@ from .point_config import PointConfig
 if TYPE_CHECKING:
     from ..terrain.area import Area
 
-_REPLACED = {
-    "points.image_noise": "errors.sensor_noise",
-    "points.max_sigma_px": "points.min_detection",
-    "points.max_second_peak": "points.min_detection",
-    "points.max_false_match": "points.min_detection",
-}
-"""Keys of older versions and those that replace them."""
-
-
 LEVELS_MAX = 32
 """Most levels of a catalogue."""
 
@@ -428,10 +419,7 @@ class BuildConfig:
             not unknown, f"unknown section [{', '.join(unknown)}]; there are {', '.join(sections)}"
         )
         return cls(
-            **{
-                name: dataclass_of(hints[name], name, table, _REPLACED)
-                for name, table in document.items()
-            }
+            **{name: dataclass_of(hints[name], name, table) for name, table in document.items()}
         )
 
     def in_one_line(self) -> str:

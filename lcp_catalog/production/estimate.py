@@ -227,7 +227,7 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
             )
         ]
         found["located_by_sun"] = planned_frames(
-            samples, sum(_ground_m2(level, k) for k in measured), _footprint_m(level), config
+            samples, sum(_ground_m2(level, k) for k in measured), _places(level).footprint_m, config
         )
     if config.model.albedo_file is not None:
         found["albedo_worth"] = _albedo_worth(level, sample, results[0])
@@ -297,11 +297,6 @@ def _share_among_others(level: Level, index: int, distance_m: float) -> float:
 def _ground_m2(level: Level, index: int) -> float:
     """Ground of an area, square metres."""
     return math.prod(level.jobs[index].task.window.shape) * level.recipe.gsd_m**2
-
-
-def _footprint_m(level: Level) -> float:
-    """Diameter of the footprint of a promise, metres."""
-    return _places(level).footprint_m
 
 
 def _places(level: Level) -> PromisedPlaces:

@@ -63,14 +63,12 @@ class PatchLight:
         sun = self.sweep.sun_directions[elevation, azimuth]
         before = int(self.sweep.conditions.reachable[:elevation, azimuth].sum())
         share, cast = self._dependence(sun, self.sweep.dark(azimuth)[before])
-        if self.sweep.plan.cast_shadows.modelled and self._is_low(elevation):
+        low = self.sweep.conditions.sun_elevation_deg[elevation] <= self.own_sun_deg
+        if low and self.sweep.plan.cast_shadows.modelled:
             below, above = (factor * self.limit for factor in OWN_SUN_DOUBT)
             for k in np.flatnonzero((share >= below) & (share <= above)).tolist():
                 share[k] = self._under_own_sun(k, elevation, azimuth)
         return share, cast
-
-    def _is_low(self, elevation: int) -> bool:
-        return bool(self.sweep.conditions.sun_elevation_deg[elevation] <= self.own_sun_deg)
 
     @timed("one direction per area", is_stage=False)
     def _under_own_sun(self, k: int, elevation: int, azimuth: int) -> float:

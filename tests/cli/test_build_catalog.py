@@ -297,7 +297,7 @@ def test_noise_is_the_sensors(
     arguments = ["build-catalog", DEM, "-o", str(tmp_path / "x.h5"), "--config", config]
     capsys.readouterr()
     said = refusal(arguments, 2, capsys)
-    assert "points.image_noise is replaced by errors.sensor_noise" in said
+    assert "[points] has no key image_noise" in said
 
 
 @pytest.mark.slow
