@@ -16,11 +16,17 @@ import click
 from lcp_catalog.stages import Progress, unseen
 
 from .build_options import OPTIONS, PartParam, build_options
-from .files import FileCommand, InputFile
+from .files import FileCommand, InputFile, depfile_option
 from .groups import collected
 from .messages import echo, log_format_option, say
 from .names import option as option_of
-from .options import check_outputs, dem_argument, depfile_option, output_option, overwrite_option
+from .options import (
+    camera_file_option,
+    check_outputs,
+    dem_argument,
+    output_option,
+    overwrite_option,
+)
 from .value_types import POSITIVE, Number
 from .warm_up import compile_missing
 
@@ -94,13 +100,10 @@ class PlannedImages:
 image_options = collected(
     "images",
     PlannedImages,
-    click.option(
-        "--camera",
-        type=InputFile(),
-        multiple=True,
-        metavar="CAMERA.json",
-        help="Camera of an image that the catalogue is for; repeat for more. It gives the views and, unless they are "
+    camera_file_option(
+        "Camera of an image that the catalogue is for; repeat for more. It gives the views and, unless they are "
         "stated, the Suns (of the camera's Sun or time), the cells, the footprint and the region.",
+        multiple=True,
     ),
     click.option(
         "--trajectory",

@@ -12,9 +12,16 @@ import click
 from .files import CATALOG, FileCommand, InputFile, OutputFile
 from .groups import Decorator, option_group
 from .messages import EXIT_NO, echo, say
-from .options import check_outputs, dems_option, output_option, overwrite_option
+from .options import (
+    camera_file_option,
+    check_outputs,
+    dems_option,
+    output_option,
+    overwrite_option,
+    range_option,
+)
 from .sun import range_of
-from .value_types import POSITIVE, Instant, KeyNumbers, Number, Step
+from .value_types import POSITIVE, Instant, KeyNumbers, Number
 
 
 @click.group()
@@ -112,13 +119,7 @@ def spice_options(required: bool) -> Decorator:
 )
 @spice_options(required=True)
 @click.option("--time", type=Instant(), metavar="UTC", help="Of a framing camera: the instant.")
-@click.option(
-    "--range",
-    "span",
-    type=click.Tuple([Instant(), Instant(), Step()]),
-    metavar="START STOP STEP",
-    help="Of a framing camera: a trajectory, a camera each STEP (30s, 1m, PT1M).",
-)
+@range_option("Of a framing camera: a trajectory, a camera each STEP (30s, 1m, PT1M).")
 @click.option(
     "--start", type=Instant(), metavar="UTC", help="Of a line scanner: begin of the first line."
 )
@@ -209,21 +210,9 @@ def from_spice(
 @click.option(
     "--aem", required=True, type=InputFile(), metavar="FILE", help="Attitude: CCSDS AEM, text."
 )
-@click.option(
-    "--camera",
-    required=True,
-    type=InputFile(),
-    metavar="CAMERA.json",
-    help="The camera: lens and image size; its place is not used.",
-)
+@camera_file_option("The camera: lens and image size; its place is not used.", required=True)
 @click.option("--time", type=Instant(), metavar="UTC", help="One camera, at an instant.")
-@click.option(
-    "--range",
-    "span",
-    type=click.Tuple([Instant(), Instant(), Step()]),
-    metavar="START STOP STEP",
-    help="A trajectory, a camera each STEP (30s, 1m, PT1M).",
-)
+@range_option("A trajectory, a camera each STEP (30s, 1m, PT1M).")
 @click.option(
     "--kernels",
     multiple=True,

@@ -67,12 +67,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="For .lcpf: only the points, Suns and views that the frames of a trajectory can use (lcp query --trajectory).",
 )
-@click.option(
-    "--camera",
-    type=InputFile(),
-    metavar="CAMERA.json",
-    help="With --for-trajectory FILE.csv: the camera without its place.",
-)
+@options.camera_file_option("With --for-trajectory FILE.csv: the camera without its place.")
 @options.overwrite_option
 def command(
     catalog: str,

@@ -24,8 +24,6 @@ from .names import runs
 
 log = logging.getLogger(__name__)
 
-DEPFILE_HELP = "Also write the list of input files as a rule for make."
-
 Files = Callable[[str], Iterator[Path]]
 
 
@@ -68,6 +66,14 @@ class OutputFile(click.Path):
             yield from self.written(value)
 
 
+depfile_option = click.option(
+    "--depfile",
+    type=OutputFile(),
+    metavar="FILE",
+    help="Also write the list of input files as a rule for make.",
+)
+
+
 def _refuse_endings(ctx: click.Context) -> None:
     """Raise a usage error for an output whose ending states another format than the option writes."""
     for option in ctx.command.params:
@@ -98,7 +104,7 @@ class FileCommand(click.Command):
         self.example = example
         self.rule = rule
         if rule:
-            self.params.append(_depfile())
+            depfile_option(self)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         return super().parse_args(ctx, _values_apart(self, ctx, args))
@@ -150,10 +156,6 @@ class FileCommand(click.Command):
             raise click.UsageError(f"--depfile needs an output: {' or '.join(flags[:-1])}")
         check_output(depfile, True)
         return depfile, target
-
-
-def _depfile() -> click.Option:
-    return click.Option(["--depfile"], type=OutputFile(), metavar="FILE", help=DEPFILE_HELP)
 
 
 def _values_apart(command: click.Command, ctx: click.Context, args: list[str]) -> list[str]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from .build_options import field_option
-from .files import CATALOG, DEPFILE_HELP, RASTER, Files, OutputFile
+from .files import CATALOG, RASTER, Files, InputFile, OutputFile
 from .groups import Decorator, collected, option_group
 from .names import in_options
-from .value_types import AZIMUTH, PLACE, Instant, Number
+from .value_types import AZIMUTH, PLACE, Instant, Number, Step
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
@@ -29,6 +29,18 @@ dem_argument_or_none = click.argument("dem", nargs=-1, type=RASTER, metavar="[DE
 def dems_option(text: str) -> Decorator:
     """``--dem``, once for each file, of a command whose DEMs are optional; ``text``: what they are for."""
     return click.option("--dem", "dems", multiple=True, type=RASTER, metavar="DEM...", help=text)
+
+
+def camera_file_option(text: str, *names: str, **settings: Any) -> Decorator:
+    """``--camera``, a file; ``text``: what the camera is for; ``settings``: further ones of click."""
+    kind = InputFile()
+    return click.option("--camera", *names, type=kind, metavar="CAMERA.json", help=text, **settings)
+
+
+def range_option(text: str, metavar: str = "START STOP STEP", required: bool = False) -> Decorator:
+    """``--range``, instants at equal steps, which a command gets as ``span``; ``text``: what they are."""
+    kind = click.Tuple([Instant(), Instant(), Step()])
+    return click.option("--range", "span", type=kind, required=required, metavar=metavar, help=text)
 
 
 catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=CATALOG)
@@ -101,13 +113,6 @@ disc_option = click.option(
 """True for a disc, False for a point, None for the tier's own."""
 
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing output.")
-
-depfile_option = click.option(
-    "--depfile",
-    type=OutputFile(),
-    metavar="FILE",
-    help=DEPFILE_HELP,
-)
 
 
 def output_option(metavar: str, required: bool = True, written: Files | None = None) -> Decorator:

@@ -61,11 +61,8 @@ class FrameOptions:
 frame_options = collected(
     "frames",
     FrameOptions,
-    click.option(
-        "--camera",
-        type=InputFile(),
-        metavar="CAMERA.json",
-        help="Camera file: CAMERA.json, USGS ISD or .tsai. With --trajectory FILE.csv: the camera without its place.",
+    options.camera_file_option(
+        "Camera file: CAMERA.json, USGS ISD or .tsai. With --trajectory FILE.csv: the camera without its place."
     ),
     click.option(
         "--trajectory",

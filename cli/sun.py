@@ -13,7 +13,7 @@ from . import options
 from .build_options import field_option
 from .files import FileCommand
 from .messages import echo
-from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number, Step
+from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.ephemeris.solar_position import SunTable
@@ -61,13 +61,7 @@ COLUMNS = {
     help="With --dem: cell size of the nearby terrain; default: that of the DEM.",
 )
 @click.option("--time", "time_utc", type=Instant(), metavar="UTC", help="One instant.")
-@click.option(
-    "--range",
-    "span",
-    type=click.Tuple([Instant(), Instant(), Step()]),
-    metavar="START STOP STEP",
-    help="Instants from START to STOP; STEP is like 30m, 6h, 1d or PT6H.",
-)
+@options.range_option("Instants from START to STOP; STEP is like 30m, 6h, 1d or PT6H.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document to stdout.")
 @options.output_option("OUT.csv", required=False)
 @options.overwrite_option

@@ -13,7 +13,7 @@ from lcp_catalog.choices import BOUNCES, ENCODINGS, VALIDATION_LAW
 from . import options
 from .build_options import field_option, image_model
 from .environment_options import EnvironmentOptions, environment_options
-from .files import RASTER, FileCommand, InputFile, OutputFile
+from .files import RASTER, FileCommand, OutputFile, depfile_option
 from .messages import EXIT_NO, echo, say
 from .names import in_options
 from .progress import progress
@@ -48,14 +48,11 @@ def _check_light_of_patches(disc: bool | None, bounce: str) -> None:
 @options.catalog_argument
 @click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=RASTER)
 @options.output_option("DIR", written=_written)
-@click.option(
-    "--camera",
-    "cameras",
-    type=InputFile(),
-    multiple=True,
-    metavar="CAMERA.json",
-    help="Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
+@options.camera_file_option(
+    "Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
     "Default: none, for images that are georeferenced map projections.",
+    "cameras",
+    multiple=True,
 )
 @options.sun_angle_options
 @options.disc_option
@@ -153,7 +150,7 @@ def _check_light_of_patches(disc: bool | None, bounce: str) -> None:
 )
 @click.option("--json", "as_json", is_flag=True, help="Also print report.json on stdout.")
 @options.overwrite_option
-@options.depfile_option
+@depfile_option
 def command(
     catalog: str,
     images: tuple[str, ...],

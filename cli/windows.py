@@ -14,12 +14,12 @@ from lcp_catalog.choices import SITE_KM
 
 from . import options
 from .build_options import field_option
-from .files import FileCommand, InputFile
+from .files import FileCommand
 from .groups import collected
 from .messages import echo, say
 from .progress import progress
 from .sun import range_of
-from .value_types import AZIMUTH, PLACE, POSITIVE, Instant, Number, Step
+from .value_types import AZIMUTH, PLACE, POSITIVE, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.navigation.site_windows import SiteWindows
@@ -74,11 +74,8 @@ site_options = collected(
         metavar="DEG",
         help="Azimuth of the camera, seen from the site, degrees clockwise from north.",
     ),
-    click.option(
-        "--camera",
-        type=InputFile(),
-        metavar="CAMERA.json",
-        help="Camera that stays at its place: the points in its image, and the expected accuracy of its position.",
+    options.camera_file_option(
+        "Camera that stays at its place: the points in its image, and the expected accuracy of its position."
     ),
 )
 
@@ -96,13 +93,10 @@ site_options = collected(
     metavar="LON LAT",
     help="Centre of the site, degrees; the Sun's angles are those there.",
 )
-@click.option(
-    "--range",
-    "span",
-    type=click.Tuple([Instant(), Instant(), Step()]),
+@options.range_option(
+    "Instants from FROM to TO, UTC; STEP is like 30m, 6h, 1d or PT6H.",
     required=True,
     metavar="FROM TO STEP",
-    help="Instants from FROM to TO, UTC; STEP is like 30m, 6h, 1d or PT6H.",
 )
 @site_options
 @click.option(
