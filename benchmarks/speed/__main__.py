@@ -10,7 +10,6 @@ SECTIONS = {
     "peers": "shadows, sweeps and camera rays beside Mitsuba and Embree",
     "render": "lcp render as a whole process beside a minimal Embree script",
     "query": "frames and trajectories asked of a catalogue of 100 000 points",
-    "digests": "what digests of chunks add to a query and to an inspection of large catalogues",
     "merge": "the end of a large build, and the check of finished areas",
     "scale": "plans, maps and areas of the whole Moon; what --plan states; a large catalogue's commands",
 }
