@@ -189,7 +189,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "search at half resolution first",
         Figure(0.49, "", "a probability away from the limit", MEASURED),
-        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.10 in 67 points of 75 km of the sample (1 by more than 0.05; 789c278e, 2026-11-29), 0.29 in 97 of Hadley (86f40c1, 2026-11-27), 0.43 in 142 points, 0.80 in 486 candidates of 60 km of the sample (eff4066c, 2026-11-28): found, not bounded",
+        "a probability up to 0.49 too high away from the limit (sample, decision 6, 2026-11-24); `second_peak` too low by at most 0.10 in 67 points of 75 km of the sample (1 by more than 0.05; 789c278e, 2026-11-29), 0.29 in 97 of Hadley (86f40c1, 2026-11-27), 0.43 in 142 points, 0.80 in 486 candidates of 60 km of the sample (eff4066c, 2026-11-28): found, not bounded. Not exact for the chosen points alone: they are chosen after their areas, whose images, 37 % of an area, would be made again in 55 of 67 areas of the sample (stages of docs/explanation/build-speed.md)",
         ("model.whole_search",), alternatives.whole_search, settings=("whole_search",), expected=0.0005,
         constants=("kernels.matching.rivals._ASCENTS", "kernels.matching.rivals._AROUND", "kernels.matching.rivals._LOSS", "kernels.matching.rivals._MARGIN", "kernels.matching.search.PEAKS", "kernels.matching.search._SLACK", "kernels.matching.rivals._FEW", "landmarks.uniqueness._COARSE_HALF_MIN", "landmarks.uniqueness._COARSE_REACH_MIN", "matching.point_search._HALVED_FROM"),
         fineness=lambda c: c.model.precision.whole_search,
@@ -331,9 +331,9 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "sigma of a match",
         Figure(50.0, "%", "sigma without the growth by its residuals", LIMIT),
-        "residuals count as correlated up to 7 pixels apart, and the variance grows 1 + 3 r times, r their correlation, 0 to 1: sigma 1 to 2 times, for errors of a render that leave residuals only in part (exact; fitted to photographs). 2 or 4 in place of 3: 0.87 to 1.12 times",
+        "residuals count as correlated up to 7 pixels apart, and the variance grows 1 + 3 r times, r their correlation, 0 to 1: sigma 1 to 2 times, for errors of a render that leave residuals only in part (exact; fitted to photographs). 2 or 4 in place of 3: 0.87 to 1.12 times (exact). 3 or 14 in place of 7 pixels: in the median 0.91 or 1.03 times; mean squared error over it 1.15 or 0.87, with 7 0.95 (182 points of AS15-M-0414, 3e4c68bf, 2026-11-29); a match has at least the sigma of its claim: then 0.67 or 0.64, with 7 0.66 (decoded as sRGB, with the albedo map)",
         constants=("kernels.matching.subpixel_fit._LAGS", "kernels.matching.subpixel_fit._MISMATCH"),
-        unpriced="no switch: part of a match; `lcp validate` states its normalised squared error", price="none in builds; the sums over neighbours are part of each fit",
+        unpriced="no switch: part of a match; `lcp validate` states its normalised squared error", price="none in builds; 3 or 14 in place of 7 pixels take 0.8 to 0.9 or 1.7 to 1.9 times the processor time of the fits (under load, 3e4c68bf, 2026-11-29)",
     ),
     Approximation(
         "fits that broad peaks lose",
