@@ -27,7 +27,8 @@ from .located import COMMON_VARIANCE, NODES, SIGNIFICANT, WEIGHTS, needed
 
 RIVAL_Z = 2.7
 """Level of a point's highest rival, in sigmas of its map of correlations (artanh). The most likely one for the joint votes of 38
-simulated frames under Suns of 45 to 75 deg is 2.72, for 38 others 2.74 (`benchmarks.evidence frames`, 2026-11-27)."""
+simulated frames under Suns of 45 to 75 deg is 2.72, for 38 others 2.74 (`benchmarks.evidence frames`, 2026-11-27); for 66 new ones
+2.8 gains 0.1 +- 0.9 in log score (2026-11-29)."""
 
 FEWEST = 10
 """Least number of points by which all together show a place."""

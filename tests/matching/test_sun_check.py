@@ -297,8 +297,12 @@ def elevated(
             True,
         ),  # no best one between the Suns tried, and no majority
         (elevated(30.0, 0.0, math.inf, share=0.6), False),
-        (elevated(50.0, -20.0), True),  # too high to say
-        (elevated(50.0, -20.0, share=0.89), False),
+        (elevated(51.0, -12.6, 4.0), True),  # AS16-M-2960 under its Sun
+        (elevated(61.1, -26.2, 5.9), False),  # and 10 deg too high
+        (elevated(45.0, -13.4, 0.5), True),  # by less than the sigma
+        (elevated(45.0, -13.6, 0.5), False),
+        (elevated(50.0, 9.0, math.inf), True),  # no best one
+        (elevated(50.0, -10.0, share=0.89), False),
         (replace(elevated(20.0, 4.8), independent=4.0), True),
         (elevated(math.nan, 9.0), True),  # other Suns than these were tried
     ],
@@ -318,6 +322,8 @@ def test_the_advice_gives_the_elevations() -> None:
         "correlate best below 20 deg, not at 26 deg"
         in elevated(30.0, 0.0, math.inf, 0.9).elevation_advice
     )
+    high = elevated(50.0, -14.5).elevation_advice
+    assert "correlate best at 36 deg +- 0.5, not at 44 deg" in high
     assert "correlate better at 1 deg" in elevated(6.0, -9.0, share=0.9).elevation_advice
 
 
