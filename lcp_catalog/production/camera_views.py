@@ -177,8 +177,9 @@ def _seen(sensor: Sensor) -> tuple[Array, Array, float, float, Bounds]:
         suns = np.stack(azimuth_elevation(rotation @ sun), axis=-1)
     pixel = float(np.median(pixel_size_m(sensor, ground)))
     if len(ground) < len(pixels) or above.min() < _GRAZING_DEG:
-        pixels = (np.indices((_FINE, _FINE)).reshape(2, -1).T + 0.5) / _FINE * sensor.shape[::-1]
-        ground, towards = _seen_ground(sensor, pixels - 0.5)
+        inside = (np.indices((_FINE, _FINE)).reshape(2, -1).T + 0.5) / _FINE
+        pixels = np.concatenate([pixels, inside * sensor.shape[::-1] - 0.5])
+        ground, towards = _seen_ground(sensor, pixels)
     share = len(ground) / len(pixels)
     return (
         view_plane(90.0 - above, azimuth),
