@@ -413,7 +413,7 @@ def test_passes_in_the_wrong_order_are_refused_in_one_line(tmp_path: Path) -> No
     left = build.select()
     refused(build.merge, f"{left.areas} of {left.areas} areas are missing")
     assert build.select() == left
-    with pytest.raises(ConfigError, match=r"`points\.passes` is not 2"):
+    with pytest.raises(ConfigError, match=r"needs `points\.passes` 2"):
         BuildRun(Build.plan((DEM,), CONFIG), output).select()
 
 
