@@ -325,7 +325,7 @@ def test_noise_is_the_sensors(
         ([DEM, "-o", "x.h5", "--jobs", "0"], 2, "--jobs"),
         ([DEM, "-o", "x.h5", "--part", "1/2", "--merge"], 2, "--part and --merge exclude"),
         ([DEM, "-o", "x.h5", "--select", "--merge"], 2, "--select and --merge exclude"),
-        ([DEM, "-o", "x.h5", "--select", "--gsd", "474"], 2, "--passes is not 2"),
+        ([DEM, "-o", "x.h5", "--select", "--gsd", "474"], 2, "needs --passes 2"),
         (
             [DEM, "-o", "x.h5", "--select", "--gsd", "474", "--passes", "2"],
             1,
