@@ -77,7 +77,7 @@ def _written(folder: str) -> Iterator[Path]:
     "--max-error",
     type=Number(0.0, 1.0),
     metavar="X",
-    help="Write best.toml, the fastest that changes at most this share of the conditions of this scene, not of other ground.",
+    help="Write best.toml, the fastest configuration that changes at most this share of the conditions; for this scene alone.",
 )
 @click.option(
     "--time-limit",
