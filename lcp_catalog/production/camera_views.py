@@ -49,11 +49,8 @@ _PIXELS = 1024
 _SAMPLES = 17
 """Rays along a border of an image."""
 
-_FINE = 256
-"""Rays along a side of an image that shows ground near the limb, for the area of the ground."""
-
-_GRAZING_DEG = 20.0
-"""Ground that is seen at less than this elevation of the camera is near the limb."""
+_FINE = 64
+"""Rays along a side of an image for the area of its ground."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,18 +173,7 @@ def _seen(sensor: Sensor) -> tuple[Array, Array, float, float, Bounds]:
         sun = SunChoice().direction_mcmf(EnuFrame(float(lon[0]), float(lat[0])), sensor)
         suns = np.stack(azimuth_elevation(rotation @ sun), axis=-1)
     pixel = float(np.median(pixel_size_m(sensor, ground)))
-    if len(ground) < len(pixels) or above.min() < _GRAZING_DEG:
-        inside = (np.indices((_FINE, _FINE)).reshape(2, -1).T + 0.5) / _FINE
-        pixels = np.concatenate([pixels, inside * sensor.shape[::-1] - 0.5])
-        ground, towards = _seen_ground(sensor, pixels)
-    share = len(ground) / len(pixels)
-    return (
-        view_plane(90.0 - above, azimuth),
-        suns,
-        pixel,
-        share * _ground_area(sensor, ground, towards),
-        bounds,
-    )
+    return view_plane(90.0 - above, azimuth), suns, pixel, _ground_area(sensor), bounds
 
 
 def _seen_ground(sensor: Sensor, pixels: Array) -> tuple[Array, Array]:
@@ -199,11 +185,14 @@ def _seen_ground(sensor: Sensor, pixels: Array) -> tuple[Array, Array]:
     return ground[met], -directions[looking][met]
 
 
-def _ground_area(sensor: Sensor, ground: Array, towards: Array) -> float:
-    """Area in m^2 of the ground of an image whose pixels are alike those at ``ground`` (m, 3), seen along ``towards``."""
+def _ground_area(sensor: Sensor) -> float:
+    """Area in m^2 of the ground in an image, by the middles of equal parts of it."""
+    middles = (np.indices((_FINE, _FINE)).reshape(2, -1).T + 0.5) / _FINE
+    ground, towards = _seen_ground(sensor, middles * sensor.shape[::-1] - 0.5)
     sine = np.einsum("ni,ni->n", ground, towards) / np.linalg.norm(ground, axis=-1)
     slant = np.maximum(sine, math.cos(math.radians(FARTHEST_DEG)))
-    return float(np.mean(pixel_size_m(sensor, ground) ** 2 / slant)) * math.prod(sensor.shape)
+    areas = pixel_size_m(sensor, ground) ** 2 / slant
+    return float(np.sum(areas)) * math.prod(sensor.shape) / len(middles)
 
 
 def view_places(seen: Array) -> Array:

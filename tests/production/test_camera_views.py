@@ -76,12 +76,9 @@ def test_a_narrow_camera_straight_down_has_one_view() -> None:
 
 
 @pytest.mark.parametrize(
-    ("field_deg", "altitude_km", "rel"),
-    [(74.0, 110.0, 0.04), (120.0, 50.0, 0.01), (60.0, 1000.0, 0.01)],
+    ("field_deg", "altitude_km"), [(20.0, 100.0), (74.0, 110.0), (120.0, 50.0), (60.0, 1000.0)]
 )
-def test_the_footprint_is_the_area_of_all_pixels(
-    field_deg: float, altitude_km: float, rel: float
-) -> None:
+def test_the_footprint_is_the_area_of_all_pixels(field_deg: float, altitude_km: float) -> None:
     """Against the sum over solid angles: r^2 / cos(emission) for each of a million rays."""
     half = math.tan(math.radians(field_deg) / 2.0)
     x, y = np.meshgrid(*[((np.arange(1000) + 0.5) / 500.0 - 1.0) * half] * 2)
@@ -93,9 +90,8 @@ def test_the_footprint_is_the_area_of_all_pixels(
     away = radius * np.sin(emission - off_nadir) / np.sin(off_nadir)
     area = np.sum(away**2 * solid / np.cos(emission))
     diameter_km = 2e-3 * math.sqrt(area / math.pi)
-    assert Seen.from_above(field_deg, altitude_km).footprint_km == pytest.approx(
-        diameter_km, rel=rel
-    )
+    seen = Seen.from_above(field_deg, altitude_km)
+    assert seen.footprint_km == pytest.approx(diameter_km, rel=1e-3)
 
 
 def test_a_wide_camera_sees_to_the_angle_of_the_sphere() -> None:
