@@ -31,7 +31,8 @@ _SAFETY = 1.2
 @njit(nogil=True)
 def parts_of_cells(lat, grid, columns, limit, boxes):
     """Parts of cells with a condition (``columns`` >= 0) in which the Sun can stand at a latitude, rows of cell,
-    least and greatest elevation and azimuth, degrees, in ``boxes``; returns their number.
+    least and greatest elevation and azimuth, degrees, in ``boxes``; returns their number. A part is as wide as the azimuths at
+    which the Sun can stand there: beyond them directions may not be evaluated.
     """
     low, start, above, after = grid
     size = 0
@@ -50,12 +51,41 @@ def parts_of_cells(lat, grid, columns, limit, boxes):
                 towards = start[j] + (2 * o + 1) * turn
                 sine = math.sin(lat) * math.sin(el)
                 sine += math.cos(lat) * math.cos(el) * math.cos(math.radians(towards))
-                if abs(sine) <= limit + reach:
-                    boxes[size, 0] = cell
-                    boxes[size, 1], boxes[size, 2] = middle - half, middle + half
-                    boxes[size, 3], boxes[size, 4] = towards - turn, towards + turn
-                    size += 1
+                if abs(sine) > limit + reach:
+                    continue
+                boxes[size, 0] = cell
+                boxes[size, 1], boxes[size, 2] = middle - half, middle + half
+                boxes[size, 3], boxes[size, 4] = towards - turn, towards + turn
+                size += _narrowed(boxes[size], lat, limit)
     return size
+
+
+@njit(nogil=True)
+def _narrowed(box, lat, limit):
+    """Narrow a part (row of `parts_of_cells`) to the azimuths at which the Sun's declination is at most ``limit``; returns
+    False if there are none. sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az); its cos(az) is greatest and least at an
+    end of the elevations or where sin(el) = sin(lat) / sin(dec).
+    """
+    west, east = box[3], box[4]
+    if math.floor(west / 180.0) != math.floor((east - 1e-9) / 180.0):
+        return True  # across north or south, where cos(az) turns
+    lows, highs = math.sin(math.radians(box[1])), math.sin(math.radians(box[2]))
+    least, most = math.inf, -math.inf
+    for bound in (-limit, limit):
+        turning = math.sin(lat) / bound
+        for rise in (lows, highs, min(max(turning, lows), highs)):
+            level = math.cos(lat) * math.sqrt(1.0 - rise * rise)
+            if level < 1e-6:
+                return True  # at a pole or at the zenith every azimuth
+            cosine = (bound - math.sin(lat) * rise) / level
+            least, most = min(least, cosine), max(most, cosine)
+    first = math.degrees(math.acos(min(1.0, max(-1.0, most))))
+    last = math.degrees(math.acos(min(1.0, max(-1.0, least))))
+    turns = 360.0 * math.floor(west / 360.0)
+    if west - turns >= 180.0:
+        first, last = 360.0 - last, 360.0 - first
+    box[3], box[4] = max(west, first + turns), min(east, last + turns)
+    return box[3] <= box[4] and least <= 1.0 and most >= -1.0
 
 
 @njit(nogil=True)

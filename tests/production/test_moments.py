@@ -145,3 +145,42 @@ def test_at_the_place_itself_all_that_is_usable_serves() -> None:
         some = GRID.shape[1] + np.flatnonzero(whole & happens[place, GRID.shape[1] :])
         assert len(some) > 5
         np.testing.assert_array_equal(told[place, some], made.worth[place, some])
+
+
+@pytest.mark.parametrize("lat_deg", [-40.0, 0.0, 20.0, 60.0])
+def test_beside_directions_that_never_occur_what_is_usable_serves(lat_deg: float) -> None:
+    """The Sun reaches such a cell beside its evaluated corners, which have at least half of the weight at
+    each of 300 000 Suns that can stand there.
+    """
+    grid = SunCells.of((4.0, 5.0, 10.0, 15.0, 20.0, 30.0), np.arange(0.0, 360.0, 15.0))
+    rng = np.random.default_rng(7)
+    sun = rng.uniform(0.0, 360.0, 300_000), rng.uniform(-1.59, 1.59, 300_000)
+    elevation, azimuth = angles(np.zeros(1), np.full(1, lat_deg), *sun)
+    row = np.searchsorted(grid.elevation, elevation) - 1
+    inside = (row >= 0) & (elevation < grid.elevation[-1])
+    row, column = row[inside], (azimuth[inside] // 15.0).astype(np.int64)
+    up = (elevation[inside] - grid.elevation[row]) / np.diff(grid.elevation)[row]
+    on = azimuth[inside] % 15.0 / 15.0
+    known = reachable_suns(lat_deg, grid.azimuth, grid.elevation)
+    after = (column + 1) % 24
+    weight = sum(
+        known[r, c] * a * b
+        for r, a in ((row, 1.0 - up), (row + 1, up))
+        for c, b in ((column, 1.0 - on), (after, on))
+    )
+    least = np.ones(grid.shape)
+    np.minimum.at(least, (row, column), weight)
+    stands = np.zeros(grid.shape, np.bool_)
+    stands[row, column] = True
+    claimed = stands & (least > 0.52)
+    claimed[[0, -2, -1]] = False  # at the lowest and the highest cells the grid ends
+    assert (claimed & ~known[grid.corners()].all(axis=0)).sum() >= 4
+    place = Places(np.zeros(1), np.full(1, lat_deg))
+    near = Near(
+        Places(np.full(1, 1e-4), place[1]), place, 1e3, np.array([0, 1]), np.zeros(1, np.int64)
+    )
+    cells = np.arange((grid.shape[0] - 1) * grid.shape[1])
+    cover, happens = moment_cover(near, np.ones((1, len(cells)), np.uint8), grid, cells)
+    told = cover.counts(np.arange(1))[0]
+    assert happens[0, np.flatnonzero(stands.ravel()[: len(cells)])].all()
+    np.testing.assert_array_equal(told[np.flatnonzero(claimed.ravel()[: len(cells)])], 1)
