@@ -63,8 +63,6 @@ def info(
 
     The exit code is 4 if anything looks wrong.
     """
-    if plot is not None and Path(plot).suffix.lower() != ".svg":
-        raise click.UsageError(f"--plot {plot}: the picture must end in .svg")
     check_outputs(overwrite, plot)
 
     from lcp_catalog.atomic_files import write_bytes

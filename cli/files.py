@@ -1,6 +1,6 @@
 """Files of a command, by the types of its options: which it reads, which it writes. A command is refused before
-it starts if it would write over one of its inputs or write one file twice, and if the
-ending of an output is that of another format.
+it starts if it would write over one of its inputs or write one file twice, and if an
+output has another ending than its option writes.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ import logging
 import os
 import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
-from lcp_catalog.choices import INDEX, MOON_MAP, NO_MAP, same_format
+from lcp_catalog.choices import INDEX, MOON_MAP, NO_MAP, OF_FILES
 from lcp_catalog.errors import ConfigError, InputError
 
 from .help_text import write_example, write_options
@@ -49,7 +49,7 @@ class InputFile(click.Path):
 class OutputFile(click.Path):
     """A file that the command writes. ``written``: its files, if they are others than the named one.
 
-    The endings in the option's metavar, such as ``OUT.tif``, are those of its formats.
+    Its name must have one of the endings in the option's metavar, such as ``OUT.tif``.
     """
 
     name = "file"
@@ -74,22 +74,31 @@ depfile_option = click.option(
 )
 
 
+def require_ending(flag: str, name: str, endings: Sequence[str]) -> None:
+    """Raise a usage error for an output of an option that has none of the endings."""
+    from lcp_catalog.atomic_files import ending_of
+
+    try:
+        ending_of(name, endings)
+    except ConfigError as error:
+        raise click.UsageError(f"{flag} {error}") from error
+
+
 def _refuse_endings(ctx: click.Context) -> None:
-    """Raise a usage error for an output whose ending states another format than the option writes."""
+    """Raise a usage error for an output with another ending than its option's metavar has, and for a folder that is
+    named like a file. A metavar without an ending (``FILE``) allows any.
+    """
     for option in ctx.command.params:
         name = ctx.params.get(option.name or "")
         if name is None or not isinstance(option.type, OutputFile):
             continue
-        meant = re.findall(r"\.\w+", option.metavar or "")
+        if endings := re.findall(r"\.\w+", option.metavar or ""):
+            require_ending(option.opts[0], name, endings)
         ending = Path(name).suffix.lower()
-        known = same_format(ending)
-        if known and option.metavar == "DIR" and not Path(name).is_dir():
+        if option.metavar == "DIR" and ending in OF_FILES and not Path(name).is_dir():
             raise click.UsageError(
                 f"{option.opts[0]} {name}: the output is a folder; name it without {ending}"
             )
-        if known and meant and not known & set(meant):
-            wanted = " or ".join(meant)
-            raise click.UsageError(f"{option.opts[0]} {name}: the output must end in {wanted}")
 
 
 class FileCommand(click.Command):

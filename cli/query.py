@@ -12,10 +12,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lcp_catalog.choices import CHART_ENDINGS, POINT_ENDINGS
-
 from . import options
-from .files import FileCommand, InputFile, OutputFile
+from .files import FileCommand, InputFile, OutputFile, require_ending
 from .groups import collected, option_group
 from .messages import echo, say
 from .progress import progress
@@ -192,11 +190,8 @@ def _check(frames: FrameOptions, output: str | None, plot: str | None) -> None:
         raise click.UsageError("give --camera CAMERA.json or --trajectory FILE")
     if plot is not None and frames.trajectory is None:
         raise click.UsageError("--plot needs --trajectory")
-    endings = POINT_ENDINGS if frames.trajectory is None else (".csv",)
-    if output is not None and Path(output).suffix.lower() not in endings:
-        raise click.UsageError(f"-o {output}: the output must end in {' or '.join(endings)}")
-    if plot is not None and Path(plot).suffix.lower() not in CHART_ENDINGS:
-        raise click.UsageError(f"--plot {plot}: the chart must end in {' or '.join(CHART_ENDINGS)}")
+    if output is not None and frames.trajectory is not None:
+        require_ending("-o", output, (".csv",))
 
 
 @dataclass(frozen=True)

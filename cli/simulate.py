@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lcp_catalog.choices import PNG, TIFF
-
 from . import options, render_options
 from .build_options import field_option, model_options
 from .environment_options import EnvironmentOptions, environment_options
@@ -185,8 +183,6 @@ def command(
         raise click.UsageError("--center and --altitude need --fov DEG")
     camera.check_place(center_deg, altitude_km)
     light.check_sun(sun, disc)
-    if Path(output).suffix.lower() not in PNG + TIFF:
-        raise click.UsageError(f"-o {output}: the output must end in .png or .tif")
 
     from lcp_catalog.atomic_files import write_files
     from lcp_catalog.photometry.albedo_map import open_grey_map

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -125,9 +124,6 @@ def command(
     A point is usable if the catalogue says so for the Sun, the view and the size of a pixel, as in lcp
     query. -o and --json give the number at every instant.
     """
-    if output is not None and Path(output).suffix.lower() != ".csv":
-        raise click.UsageError(f"-o {output}: the output must end in .csv")
-
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.catalog.verification import open_catalog
     from lcp_catalog.navigation.site_windows import windows

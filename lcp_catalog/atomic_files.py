@@ -19,7 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast
 
-from .choices import same_format
+from .choices import SPELLINGS
 from .errors import ConfigError, OutputError, OutputExistsError, printable, unread
 from .file_kinds import plain_opener
 from .remote_files import archive_of, server_state, url_of
@@ -57,13 +57,15 @@ def check_output(
     return target
 
 
-def check_ending(path: Path | str, wanted: str) -> None:
-    """ConfigError for an output whose ending is that of another format than the ``wanted`` one's; an ending of no
-    known format is none.
+def ending_of(path: Path | str, endings: Sequence[str]) -> str:
+    """The one of the ``endings`` that an output's name has, in capitals or in another spelling (``.tiff``) as well;
+    ConfigError if it has none of them.
     """
-    known = same_format(Path(path).suffix.lower())
-    if known and wanted not in known:
-        raise ConfigError(f"{path}: the output must end in {wanted}")
+    given = Path(path).suffix.lower()
+    ending = SPELLINGS.get(given, given)
+    if ending not in endings:
+        raise ConfigError(f"{path}: the output must end in {' or '.join(endings)}")
+    return ending
 
 
 def same_file(first: Path | str, second: Path | str) -> bool:

@@ -55,12 +55,6 @@ LEVEL_RATIO = 1.1
 products derive slightly different cells.
 """
 
-PNG, TIFF = (".png",), (".tif", ".tiff")
-"""Endings of the frames that `lcp simulate` writes: detector numbers, radiance factors."""
-
-POINT_ENDINGS, CHART_ENDINGS = (".csv", ".geojson"), (".svg", ".html")
-"""Endings of the files that `lcp query` writes: the points of a frame, the chart of a trajectory."""
-
 EXPORTS = (
     ".csv",
     ".parquet",
@@ -93,19 +87,14 @@ FRAMES = ("MOON_ME", "MOON_PA")
 SCHEMA = "$schema"
 """Key of a file that tells an editor where the file's JSON schema is; not read."""
 
-FORMATS = (
-    *({".tif", ".tiff"}, {".png"}, {".jpg", ".jpeg"}, {".h5", ".hdf5", ".nc"}, {".hdf"}, {".json"}),
-    *({".html", ".htm"}, {".csv"}, {".toml"}, {".svg"}, {".geojson"}, {".gpkg"}, {".parquet"}),
-    *({".gcp"}, {".lmk"}, {".spc"}, {".bds"}, {".bsp"}, {".bc"}, {".lcpf"}, {".lcpx"}),
-    *({".pdf"}, {".txt"}, {".md"}, {".img"}, {".cub"}, {".xlsx", ".xls"}, {".ods"}, {".shp"}),
-    *({".kml", ".kmz"}, {".npy", ".npz"}, {".mat"}, {".zip", ".gz"}),
+SPELLINGS = {".tiff": ".tif", ".hdf5": ".h5", ".nc": ".h5", ".htm": ".html"}
+"""Other endings of a format, and the one that messages name."""
+
+OF_FILES = (
+    *(".tif", ".tiff", ".png", ".jpg", ".jpeg", ".img", ".svg", ".pdf", ".html", ".htm", ".json"),
+    *(".geojson", ".csv", ".txt", ".md", ".xlsx", ".toml", ".h5", ".hdf5", ".nc", ".lcpx", ".zip"),
 )
-"""Endings of files, those of one format together. Any other ending says nothing about the format."""
-
-
-def same_format(ending: str) -> set[str]:
-    """Endings of the format of an ending in lower case, with its dot; empty for one that is in no format's list."""
-    return next((one for one in FORMATS if ending in one), set())
+"""Endings that no folder's name is meant to have."""
 
 
 SITE_KM = 20.0

@@ -73,7 +73,8 @@ BUDGETS = {
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue
     # 33: 26 went, options that several commands made for themselves
-    "code lines, cli": 4438,
+    # 33: 9 went, one rule for the endings of outputs
+    "code lines, cli": 4429,
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
     # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)

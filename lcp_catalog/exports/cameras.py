@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..atomic_files import write_aside, write_bytes
+from ..atomic_files import ending_of, write_aside, write_bytes
 from ..cameras.camera_file import read_sensor
 from ..cameras.frame_camera import Camera
 from ..cameras.isd import is_isd
@@ -96,9 +96,7 @@ def export_cameras(
     1
     """
     given = [cameras] if isinstance(cameras, Path | str) else list(cameras)
-    ending = Path(output).suffix.lower()
-    if ending not in CAMERA_EXPORTS:
-        raise ConfigError(f"{output}: the ending must be one of {' '.join(CAMERA_EXPORTS)}")
+    ending = ending_of(output, CAMERA_EXPORTS)
     corrections = [np.zeros(6)] * len(given) if report is None else _solved(report, len(given))
     kept = [
         (Path(path), one) for path, one in zip(given, corrections, strict=True) if one is not None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..atomic_files import folder_aside, write_aside
+from ..atomic_files import ending_of, folder_aside, write_aside
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..choices import EXPORT_FOLDERS, EXPORTS, FLIGHT
@@ -105,9 +105,7 @@ def export(
     """
     if not isinstance(output, Path | str):
         raise not_a(output, "output", "the path of the file to write")
-    ending, sun_deg = Path(output).suffix, _sun(sun_azimuth_deg, sun_elevation_deg)
-    if ending not in EXPORTS:
-        raise ConfigError(f"{output}: the ending must be one of {' '.join(EXPORTS)}")
+    ending, sun_deg = ending_of(output, EXPORTS), _sun(sun_azimuth_deg, sun_elevation_deg)
     if sun_deg is not None and ending != ".lmk":
         raise ConfigError(f"{output}: a Sun lights .lmk maps only")
     if (image_scale is not None or conditions is not None) and ending != FLIGHT:

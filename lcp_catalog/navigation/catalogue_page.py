@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..atomic_files import check_ending
+from ..atomic_files import ending_of
 from ..catalog.comparison import CatalogOrPath
 from ..catalog.report import write_report
 from .located_by_sun import located_by_sun
@@ -29,7 +29,7 @@ def report(catalog: CatalogOrPath, output: Path | str, *, overwrite: bool = Fals
     CatalogError
         For a file that is no catalogue or is damaged.
     ConfigError
-        For an output with the ending of another format.
+        For an output that does not end in .html.
     OutputExistsError, OutputError
         For the page.
 
@@ -39,5 +39,5 @@ def report(catalog: CatalogOrPath, output: Path | str, *, overwrite: bool = Fals
     >>> (folder / "small.html").read_text()[:15]
     '<!DOCTYPE html>'
     """
-    check_ending(output, ".html")
+    ending_of(output, (".html",))
     write_report(catalog, output, overwrite, located_by_sun)

@@ -12,12 +12,10 @@ import numpy as np
 from markupsafe import Markup
 
 from ..arrays import AnyArray, Array, Mask
-from ..atomic_files import csv_lines
+from ..atomic_files import csv_lines, ending_of
 from ..catalog.catalogue import Catalog
-from ..choices import CHART_ENDINGS
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.times import instants
-from ..errors import OutputError
 from ..geometry.bounds import wrapped_deg
 from ..plots.axes import Axes, Axis, round_ticks
 from ..plots.numbers import drawing, number, page
@@ -322,11 +320,8 @@ class TrajectoryChart:
         return self._times[number_] or f"frame {number_ + 1}"
 
     def encode(self, path: Path | str, title: str) -> bytes:
-        """The charts as the ending of ``path`` says; OutputError for another ending."""
-        ending = Path(path).suffix.lower()
-        if ending not in CHART_ENDINGS:
-            raise OutputError(f"{path}: the ending must be {' or '.join(CHART_ENDINGS)}")
-        if ending == ".svg":
+        """The charts as the ending of ``path`` says; ConfigError for another ending."""
+        if ending_of(path, (".svg", ".html")) == ".svg":
             return (self._svg(_STYLE) + "\n").encode("utf-8")
         lines = self.summary()
         text = page(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..atomic_files import check_ending
+from ..atomic_files import ending_of
 from ..cameras.public import SensorOrPath, any_sensor
 from ..catalog.comparison import CatalogOrPath
+from ..choices import INDEX
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_paths
 from ..errors import not_a
@@ -139,7 +140,7 @@ def build_catalog(
     >>> report.points > 0, report.failed
     (True, {})
     """
-    check_ending(output, ".h5")
+    ending_of(output, (".h5",))
     build = planned_build(
         dem,
         config,
@@ -199,4 +200,5 @@ def merge(
     >>> done.points == len(lcp.open_catalog(catalog))
     True
     """
+    ending_of(output, (".h5", INDEX))
     return merge_catalogs(catalogs, output, overwrite)

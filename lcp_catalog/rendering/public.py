@@ -29,7 +29,7 @@ from rasterio.transform import Affine
 from .._version import __version__
 from ..accuracy import accuracy as accuracy_of
 from ..approximations import SWITCHES
-from ..atomic_files import check_output, write_bytes
+from ..atomic_files import check_output, ending_of, write_bytes
 from ..cameras.isd import AnySensor
 from ..cameras.public import rendered_sensor
 from ..constants import FRAME, MOON_RADIUS_M
@@ -380,6 +380,7 @@ def render(
     ((87, 87), True)
     """
     if output is not None:
+        ending_of(output, (".tif",))
         check_output(output, overwrite)
     seen = None if camera is None else rendered_sensor(camera)
     dems = dem_set(dem, product_order) if dem else None

@@ -12,16 +12,15 @@ from typing import Any
 
 from .._version import __version__
 from ..accuracy import accuracy as accuracy_of
-from ..atomic_files import write_files
+from ..atomic_files import ending_of, write_files
 from ..cameras.frame_camera import Camera
 from ..cameras.isd import AnySensor, isd_with_sun
 from ..cameras.public import rendered_sensor
 from ..catalog.catalogue import Catalog
-from ..choices import PNG, TIFF
 from ..constants import FRAME
 from ..dem.mosaic import DemSet
 from ..dem.public import Dems, dem_set
-from ..errors import ConfigError, OutputError, not_a
+from ..errors import ConfigError, not_a
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice, SunStated
 from ..photometry.albedo_map import AlbedoMap, open_grey_map
@@ -38,16 +37,13 @@ from .patch_surface import PatchSurface, is_catalog
 def encode_frame(frame: SimulatedFrame, path: Path | str) -> bytes:
     """The frame as a file, by the ending of its name: PNG with the numbers in 8 or 16 bits (of
     which ``bits`` are used), or GeoTIFF with the radiance factor by the numbers, float32, NaN where
-    the terrain is unknown. OutputError for another ending.
+    the terrain is unknown. ConfigError for another ending.
     """
-    ending = Path(path).suffix.lower()
-    if ending in PNG:
+    if ending_of(path, (".png", ".tif")) == ".png":
         return png(frame.numbers)
-    if ending in TIFF:
-        tags = {name: json.dumps(value) for name, value in describe(frame).items()}
-        said = {"body": "MOON", "frame": FRAME, "software": f"lcp {__version__}", **tags}
-        return geotiff({"radiance": frame.signal}, "float32", said, units=["1"])
-    raise OutputError(f"{path}: a frame is written as .png or .tif; name the output so")
+    tags = {name: json.dumps(value) for name, value in describe(frame).items()}
+    said = {"body": "MOON", "frame": FRAME, "software": f"lcp {__version__}", **tags}
+    return geotiff({"radiance": frame.signal}, "float32", said, units=["1"])
 
 
 def camera_path(path: Path | str) -> Path:

@@ -48,7 +48,7 @@ def test_every_ending_is_written(ending: str, catalog: str, tmp_path: Path, caps
     ("arguments", "code", "words"),
     [
         (["out.shp"], 2, "the output must end in .csv or .parquet"),
-        (["out.abc"], 2, "ending must be one of .csv .parquet"),
+        (["out.abc"], 2, "the output must end in .csv or .parquet"),
         (["out.csv", "--sun-azimuth", "90", "--sun-elevation", "5"], 2, ".lmk maps only"),
         (["out.lmk", "--sun-azimuth", "90"], 2, "go together"),
         (["out.csv", "--frame", "IAU_MOON"], 2, "--frame"),

@@ -191,7 +191,7 @@ def test_refusals(
     meta: Path, files: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     names = {"kernels": meta, "observer": "MY_ORBITER", "instrument": "MY_CAMERA"}
-    with pytest.raises(ConfigError, match=r"the ending must be one of \.json \.bsp \.bc"):
+    with pytest.raises(ConfigError, match=r"the output must end in \.json or \.bsp or \.bc"):
         lcp.export_cameras(files, tmp_path / "x.txt")
     with pytest.raises(ConfigError, match="an ISD is of one camera, not of 5"):
         lcp.export_cameras(files, tmp_path / "x.json")

@@ -18,7 +18,7 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
-from lcp_catalog.errors import CameraError, OutputError, SunError
+from lcp_catalog.errors import CameraError, ConfigError, SunError
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.navigation import frame_points
@@ -208,7 +208,7 @@ def test_the_chart_names_the_holes(catalog: Catalog, cameras: list[Camera], tmp_
     assert (
         13.0 * least / wide >= 11.0
     )  # pixels of the text on a narrow screen, where the charts scroll
-    with pytest.raises(OutputError, match=r"\.svg or \.html"):
+    with pytest.raises(ConfigError, match=r"\.svg or \.html"):
         chart.encode("way.png", "way")
 
 
