@@ -189,20 +189,17 @@ def command(
     Exit code 4: an image does not show the place that its camera file states, or --require is
     not met.
     """
-    if len(cameras) not in {0, 1, len(images)}:
-        raise click.UsageError(
-            f"{len(cameras)} --camera for {len(images)} images: give one, or one per image in the same order"
-        )
     light.check_sun(sun, disc)
     if not dems:
         _check_light_of_patches(disc, bounce)
     from lcp_catalog.atomic_files import check_folder, check_output
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.validation.output import FILES, errors_files, write_validation
-    from lcp_catalog.validation.public import validate
+    from lcp_catalog.validation.public import image_files, validate
     from lcp_catalog.validation.requirement import Requirement
     from lcp_catalog.validation.result import summary_lines
 
+    image_files(images, cameras or None)  # refused before kernels are compiled
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not known_pose:
         raise click.UsageError(
@@ -219,7 +216,7 @@ def command(
         result = validate(
             catalog,
             images,
-            cameras or (None,) * len(images),
+            cameras or None,
             position_sigma_m=1e3 * position_sigma_km,
             attitude_sigma_deg=attitude_sigma_deg,
             known_pose=known_pose,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,9 +13,7 @@ from ..atomic_files import check_folder
 from ..cameras.sensor import Uncertainty
 from ..choices import ENCODINGS, VALIDATION_LAW
 from ..dem.public import Dems, dem_paths
-from ..errors import (
-    ConfigError,
-)
+from ..errors import ConfigError
 from ..images.image_file import ImageOptions
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice, SunStated
@@ -22,9 +21,7 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
 from ..stages import Progress, unseen
-from .ground_comparison import (
-    WindowChoice,
-)
+from .ground_comparison import WindowChoice
 from .output import FILES, write_validation
 from .run import ImageFiles, Result, Validation, run_validation
 
@@ -123,7 +120,7 @@ def validate(
     CatalogError, DemError, ImageError, CameraError, SunError
         For files that cannot be read; errors of one image are its result, unless all fail.
     ConfigError
-        For other numbers of images and cameras.
+        For other numbers of images and cameras, and for an image that stands twice.
 
     Examples
     --------
@@ -167,14 +164,20 @@ def image_files(
     images: Path | str | Sequence[Path | str],
     cameras: Path | str | Sequence[Path | str | None] | None,
 ) -> tuple[ImageFiles, ...]:
-    """Each image with its camera file. ConfigError if their numbers do not match."""
+    """Each image with its camera file. ConfigError if their numbers do not match, and for an image that stands twice."""
     shown = [images] if isinstance(images, Path | str) else list(images)
+    places = list(map(os.path.realpath, shown))
+    for image, place in zip(shown, places, strict=True):
+        if places.count(place) > 1:
+            raise ConfigError(
+                f"{image}: stands twice among the images and would count twice; name each image once"
+            )
     seen = [cameras] if cameras is None or isinstance(cameras, Path | str) else list(cameras)
     if len(seen) == 1:
         seen *= len(shown)
     if len(seen) != len(shown):
         raise ConfigError(
-            f"{len(seen)} cameras for {len(shown)} images: give one, or one per image in the same order"
+            f"{len(seen)} `cameras` for {len(shown)} images: give one, or one per image in the same order"
         )
     return tuple(
         ImageFiles(Path(image), None if camera is None else Path(camera))

@@ -99,6 +99,7 @@ WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] =
     "a page without an ending": (lambda c: c.report("r"), ConfigError, "r: the output must end in .html"),
     "a render as a picture": (lambda c: lcp.render(catalogs.HADLEY, "r.png", sun=(90, 20)), ConfigError, "r.png: the output must end in .tif"),
     "a merge as a table": (lambda c: lcp.merge([c, c], "m.csv"), ConfigError, "m.csv: the output must end in .h5 or .lcpx"),
+    "an image twice": (lambda c: lcp.validate("c.h5", ["a.png", Path("a.png")]), ConfigError, "a.png: stands twice among the images and would count twice; name each image once"),
     "a catalogue of HDF4": (lambda c: lcp.build_catalog(catalogs.HADLEY, "c.hdf"), ConfigError, "c.hdf: the output must end in .h5"),
     "a text as seed": (lambda c: lcp.simulate(catalogs.HADLEY, posed.camera(), seed="a"), KindError, "`seed` must be a whole number, not str"),
     "a number to merge": (lambda c: lcp.merge([c, 5], "none.h5"), KindError, "`catalogs` must be catalogues, or the paths of their files, not int"),

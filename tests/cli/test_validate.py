@@ -175,7 +175,7 @@ def test_what_is_there_is_not_replaced(place, report, capsys) -> None:
 @pytest.mark.parametrize(
     ("flags", "code", "says"),
     [
-        (["--camera", "a.json", "--camera", "b.json"], 2, "2 --camera for 1 images"),
+        (["--camera", __file__, "--camera", __file__], 2, "2 --camera for 1 images"),
         (["--require", "share_above=0.9"], 2, "--require"),
         (["--require", "beauty>1"], 2, "beauty"),
         (["--require", ""], 2, "'' is not a condition"),
