@@ -30,43 +30,29 @@ def build_pyramid(z):
     levels = np.empty(max(sum(sizes), 1), dtype=np.float32)
     for level in range(1, len(shapes)):
         out = levels[offsets[level] : offsets[level] + sizes[level]].reshape(shapes[level])
-        if level == 1:
-            _first_level(z, out)
-        else:
-            _halve(levels[offsets[level - 1] : offsets[level]].reshape(shapes[level - 1]), out)
+        below = z
+        if level > 1:
+            below = levels[offsets[level - 1] : offsets[level]].reshape(shapes[level - 1])
+        _highest(below, 3 if level == 1 else 2, out)
     heights = np.array([shape[0] for shape in shapes], dtype=np.int64)
     widths = np.array([shape[1] for shape in shapes], dtype=np.int64)
     return levels, offsets, widths, heights
 
 
 @njit(nogil=True, error_model="numpy", parallel=True)
-def _first_level(z, out):
-    """Write the highest of the 3 x 3 nodes around each odd node into out; fewer nodes at the far
-    borders.
+def _highest(below, side, out):
+    """Write the highest of ``side`` x ``side`` values of ``below``, from every second one on, into out; fewer values at the
+    far borders.
     """
     done = 0
     for i in prange(out.shape[0]):
         done += 1
         for j in range(out.shape[1]):
             top = LOWEST
-            for a in range(2 * i, min(2 * i + 3, z.shape[0])):
-                for b in range(2 * j, min(2 * j + 3, z.shape[1])):
-                    if z[a, b] > top:  # noqa: PLR1730  (False for NaN; max is not sure)
-                        top = z[a, b]
-            out[i, j] = top
-    all_done(done, out.shape[0])
-
-
-@njit(nogil=True, error_model="numpy", parallel=True)
-def _halve(below, out):
-    done = 0
-    for i in prange(out.shape[0]):
-        done += 1
-        for j in range(out.shape[1]):
-            top = LOWEST
-            for a in range(2 * i, min(2 * i + 2, below.shape[0])):
-                for b in range(2 * j, min(2 * j + 2, below.shape[1])):
-                    top = max(top, below[a, b])
+            for a in range(2 * i, min(2 * i + side, below.shape[0])):
+                for b in range(2 * j, min(2 * j + side, below.shape[1])):
+                    if below[a, b] > top:  # noqa: PLR1730  (False for NaN; max is not sure)
+                        top = below[a, b]
             out[i, j] = top
     all_done(done, out.shape[0])
 
