@@ -16,14 +16,14 @@ import click
 from lcp_catalog.stages import Progress, unseen
 
 from .build_options import OPTIONS, PartParam, build_options
-from .files import FileCommand, InputFile, depfile_option
+from .files import FileCommand, InputFile, OutputFile, depfile_option
 from .groups import collected
 from .messages import echo, log_format_option, say
 from .names import option as option_of
 from .options import (
     camera_file_option,
-    check_outputs,
     dem_argument,
+    json_option,
     output_option,
     overwrite_option,
 )
@@ -206,12 +206,7 @@ mode_options = collected(
         help="Print the number of areas and conditions, and estimates of time, file size and memory; with `lcp -v` also the "
         "decisions of the scene plan. Up to five areas are computed for the estimates; nothing is written.",
     ),
-    click.option(
-        "--json",
-        "as_json",
-        is_flag=True,
-        help="With --plan or --list-parts: print one JSON object.",
-    ),
+    json_option("With --plan or --list-parts: print one JSON object."),
 )
 
 run_options = collected(
@@ -259,7 +254,7 @@ run_options = collected(
     example="lcp build-catalog DEM.tif -o site.h5 --center 3.5 26 --size 60",
 )
 @dem_argument
-@output_option("CATALOG.h5", required=False)
+@output_option("CATALOG.h5", OutputFile(replaced=True), required=False)
 @build_options(OPTIONS)
 @image_options
 @run_options
@@ -293,7 +288,6 @@ def command(
     """
     if output is None and not mode.plan:
         raise click.UsageError("-o CATALOG.h5 is missing (or --plan)")
-    check_outputs(True, output)  # a folder that is not there is said before a DEM is opened
     planned = Planned(dem, config, images, memory_gb)
     if mode.plan or output is None:
         _print_plan(planned.build, run, mode.as_json)

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import click
 
-from .files import CATALOG, FileCommand, InputFile, OutputFile
+from .files import CATALOG, FileCommand, InputFile
 from .groups import Decorator, option_group
 from .messages import EXIT_NO, echo, say
 from .options import (
     camera_file_option,
-    check_outputs,
     dems_option,
+    json_option,
+    other_output_option,
     output_option,
     overwrite_option,
     range_option,
@@ -42,12 +43,9 @@ def command() -> None:
     help="Catalogue whose points the camera should see.",
 )
 @dems_option("DEMs whose ground the camera should see.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
-@click.option(
-    "--plot",
-    type=OutputFile(),
-    metavar="OUT.svg",
-    help="Also draw the image's outline on the ground, the limb and the points.",
+@json_option()
+@other_output_option(
+    "--plot", "OUT.svg", "Also draw the image's outline on the ground, the limb and the points."
 )
 @overwrite_option
 def info(
@@ -63,7 +61,6 @@ def info(
 
     The exit code is 4 if anything looks wrong.
     """
-    check_outputs(overwrite, plot)
 
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.navigation.camera_info import camera_info
@@ -178,7 +175,6 @@ def from_spice(
         raise click.UsageError(
             "give --time UTC, or --range START STOP STEP, or --start, --stop and --line-time of a line scanner"
         )
-    check_outputs(overwrite, output)
 
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.cameras.spice import SpiceCamera
@@ -242,7 +238,6 @@ def from_ccsds(
     """Make a camera file, or with --range a trajectory, from a CCSDS orbit and attitude."""
     if (time is None) == (span is None):
         raise click.UsageError("give --time UTC or --range START STOP STEP")
-    check_outputs(overwrite, output)
 
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.cameras.ccsds import cameras_from_ccsds
@@ -291,7 +286,6 @@ def export(
     kernel = Path(output).suffix.lower() in {".bsp", ".bc"}
     if kernel and not (kernels and observer and instrument):
         raise click.UsageError(f"-o {output} needs --kernels, --observer and --instrument")
-    check_outputs(overwrite, output)
 
     from lcp_catalog.exports.cameras import export_cameras
 

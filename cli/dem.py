@@ -7,9 +7,15 @@ import json
 import click
 
 from . import dem_check
-from .files import FileCommand, OutputFile
+from .files import FileCommand
 from .messages import echo, say
-from .options import check_outputs, dem_argument, overwrite_option, product_order_option
+from .options import (
+    dem_argument,
+    json_option,
+    other_output_option,
+    overwrite_option,
+    product_order_option,
+)
 from .value_types import PLACE
 
 
@@ -25,9 +31,7 @@ command.add_command(dem_check.command)
     cls=FileCommand, rule=True, example="lcp dem info LDEM_*.LBL --at 0 -89.5 --map used.png"
 )
 @dem_argument
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."
-)
+@json_option("Print one JSON list, one object for each file.")
 @click.option(
     "--at",
     "places",
@@ -45,12 +49,11 @@ command.add_command(dem_check.command)
 @click.option(
     "--quick", is_flag=True, help="Read no pixels: print no heights and no missing pixels."
 )
-@click.option(
+@other_output_option(
     "--map",
+    "OUT.png",
+    "Also write a map of the product used at each place, over shaded relief (not with --quick).",
     "map_path",
-    type=OutputFile(),
-    metavar="OUT.png",
-    help="Also write a map of the product used at each place, over shaded relief (not with --quick).",
 )
 @product_order_option
 @overwrite_option
@@ -77,7 +80,6 @@ def info(
 
     from . import dem_text
 
-    check_outputs(overwrite, map_path)
     found = dem_info(dem, at_deg=places, quick=quick, product_order=product_order or ())
     files = [] if only_set else list(found.files)
     if map_path is not None:

@@ -9,7 +9,7 @@ import click
 
 from .files import FileCommand, require_inputs
 from .messages import EXIT_NO, echo
-from .options import dem_argument
+from .options import dem_argument, json_option
 
 if TYPE_CHECKING:
     from lcp_catalog.dem.file_check import CheckResult
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
 @click.command("check", cls=FileCommand, example="lcp dem check LDEM_*.LBL")
 @dem_argument
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON list, one object for each file."
-)
+@json_option("Print one JSON list, one object for each file.")
 def command(dem: tuple[str, ...], as_json: bool) -> int:
     """Check that DEM files are complete and agree with their labels.
 

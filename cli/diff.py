@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import options
-from .files import CATALOG, FileCommand, OutputFile
+from .files import CATALOG, FileCommand
 from .messages import EXIT_NO, echo, say
 
 if TYPE_CHECKING:
@@ -22,13 +22,9 @@ _VALUE_LENGTH = 60
 @click.command(cls=FileCommand, rule=True, example="lcp diff old.h5 new.h5 -o differences.csv")
 @click.argument("first", metavar="A.h5", type=CATALOG)
 @click.argument("second", metavar="B.h5", type=CATALOG)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
-@click.option(
-    "-o",
-    "--output",
-    type=OutputFile(),
-    metavar="OUT.csv",
-    help="Also write all points that differ as a table.",
+@options.json_option()
+@options.output_option(
+    "OUT.csv", required=False, text="Also write all points that differ as a table."
 )
 @options.overwrite_option
 def command(first: str, second: str, as_json: bool, output: str | None, overwrite: bool) -> int:
@@ -38,11 +34,8 @@ def command(first: str, second: str, as_json: bool, output: str | None, overwrit
     one without partner of the same level lies within the spacing. The exit code is 4 if anything differs; the
     version of the software and the order of the points do not count.
     """
-    from lcp_catalog.atomic_files import check_output
     from lcp_catalog.catalog.comparison import compare
 
-    if output is not None:
-        check_output(output, overwrite)
     found = compare(first, second)
     if output is not None:
         found.write_table(output, overwrite)

@@ -104,7 +104,6 @@ def command(
         raise click.UsageError("--camera needs --for-trajectory")
     found = None
     if trajectory is not None:
-        options.check_outputs(overwrite, output)
         found = _descent(catalog, camera, trajectory)
     count = export(
         catalog,

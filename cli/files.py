@@ -1,6 +1,6 @@
 """Files of a command, by the types of its options: which it reads, which it writes. A command is refused before
-it starts if it would write over one of its inputs or write one file twice, and if an
-output has another ending than its option writes.
+it starts if it would write over one of its inputs or write one file twice, if an
+output has another ending than its option writes, and if it cannot be written.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import click
 
-from lcp_catalog.choices import INDEX, MOON_MAP, NO_MAP, OF_FILES
+from lcp_catalog.choices import EXPORT_FOLDERS, INDEX, MOON_MAP, NO_MAP, OF_FILES
 from lcp_catalog.errors import ConfigError, InputError
 
 from .help_text import write_example, write_options
@@ -49,14 +49,15 @@ class InputFile(click.Path):
 class OutputFile(click.Path):
     """A file that the command writes. ``written``: its files, if they are others than the named one.
 
-    Its name must have one of the endings in the option's metavar, such as ``OUT.tif``.
+    Its name must have one of the endings in the option's metavar, such as ``OUT.tif``. ``replaced``: True if it may be there
+    without ``--overwrite``, or the command decides.
     """
 
     name = "file"
 
-    def __init__(self, written: Files | None = None, dir_okay: bool = True) -> None:
-        super().__init__(readable=False, dir_okay=dir_okay)
-        self.written = written
+    def __init__(self, written: Files | None = None, replaced: bool = False) -> None:
+        super().__init__(readable=False)
+        self.written, self.replaced = written, replaced
 
     def outputs(self, value: str) -> Iterator[Path]:
         """Every file that is written for a value of the option."""
@@ -68,7 +69,7 @@ class OutputFile(click.Path):
 
 depfile_option = click.option(
     "--depfile",
-    type=OutputFile(),
+    type=OutputFile(replaced=True),
     metavar="FILE",
     help="Also write the list of input files as a rule for make.",
 )
@@ -101,6 +102,25 @@ def _refuse_endings(ctx: click.Context) -> None:
             )
 
 
+def _check_outputs(ctx: click.Context) -> None:
+    """OutputExistsError or OutputError for a file that cannot be written. Folders are left to the command, and a file in
+    one that it makes.
+    """
+    from lcp_catalog.atomic_files import check_output
+
+    made: list[Path] = []
+    for option in ctx.command.params:
+        name, kind = ctx.params.get(option.name or ""), option.type
+        if not name or not isinstance(kind, OutputFile):
+            continue
+        if option.metavar in ("DIR", "FOLDER") or name.endswith(EXPORT_FOLDERS):
+            made.append(Path(name))
+            continue
+        for path in kind.outputs(name):
+            if path.parent.is_dir() or path.parent not in made:
+                check_output(path, kind.replaced or ctx.params.get("overwrite", False))
+
+
 class FileCommand(click.Command):
     """Command that checks its files before it starts, and shows its options in groups, with an ``example``.
 
@@ -127,6 +147,7 @@ class FileCommand(click.Command):
         runs(self)
         refuse_same_files(ctx)
         _refuse_endings(ctx)
+        _check_outputs(ctx)
         _refuse_names_for_make(ctx)
         read = list(dict.fromkeys(path for _, path in _inputs(ctx)))
         name = ctx.command_path.partition(" ")[2]
@@ -157,13 +178,10 @@ class FileCommand(click.Command):
         depfile = ctx.params.pop("depfile", None) if self.rule else None
         if depfile is None:
             return None
-        from lcp_catalog.atomic_files import check_output
-
         target = next((path for _, path in _files(ctx, "outputs")), None)
         if target is None:
             flags = [p.opts[0] for p in self.params if isinstance(p.type, OutputFile)]
             raise click.UsageError(f"--depfile needs an output: {' or '.join(flags[:-1])}")
-        check_output(depfile, True)
         return depfile, target
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .files import FileCommand, InputFile, OutputFile
+from .files import FileCommand, InputFile
 from .messages import echo, say
-from .options import check_outputs, output_option, overwrite_option
+from .options import json_option, other_output_option, output_option, overwrite_option
 from .progress import progress
 from .value_types import Finite, Number
 
@@ -76,13 +76,12 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
 @click.option(
     "--name", metavar="TEXT", help="Name of the model. Default: the file name of MODEL.toml."
 )
-@click.option(
+@other_output_option(
     "--chart",
-    type=OutputFile(),
-    metavar="CHART.svg",
-    help="Also write polar charts of measurements and model, one for each incidence.",
+    "CHART.svg",
+    "Also write polar charts of measurements and model, one for each incidence.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@json_option()
 @overwrite_option
 def command(
     goniometer: str,
@@ -112,7 +111,6 @@ def command(
     )
     from lcp_catalog.photometry.facet_model import ALBEDO, Optics
 
-    check_outputs(overwrite, output, chart)
     (index, extinction), (degree, angle_deg) = refractive_index, polarisation
     optics = Optics(index, extinction, degree, angle_deg)
     measurements = read_measurements(goniometer)

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from . import options
-from .files import FileCommand
+from .files import FileCommand, OutputFile
 from .messages import echo
 
 
@@ -19,7 +19,7 @@ def _written(folder: str) -> Iterator[Path]:
 
 
 @click.command(cls=FileCommand, example="lcp flight-source -o flight")
-@options.output_option("DIR", written=_written)
+@options.output_option("DIR", OutputFile(_written))
 @options.overwrite_option
 def command(output: str, overwrite: bool) -> None:
     """Write the C99 reference of the flight file (.lcpf) into a folder: it checks the file, finds the points in view of

@@ -12,7 +12,7 @@ from lcp_catalog.choices import FLIGHT
 
 from .files import FileCommand, require_inputs
 from .messages import EXIT_NO, echo
-from .options import catalog_argument
+from .options import catalog_argument, json_option
 
 if TYPE_CHECKING:
     from lcp_catalog.catalog.promise import LocatedBySun
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=FileCommand, example="lcp inspect site.h5")
 @catalog_argument
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@json_option()
 @click.option(
     "--located",
     "frames",

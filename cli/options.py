@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from .build_options import field_option
-from .files import CATALOG, RASTER, Files, InputFile, OutputFile
+from .files import CATALOG, RASTER, InputFile, OutputFile
 from .groups import Decorator, collected, option_group
 from .names import in_options
 from .value_types import AZIMUTH, PLACE, Instant, Number, Step
@@ -102,6 +103,45 @@ sun_angle_options = collected(
 )
 """The Sun, which a command gets as ``sun``, a SunChoice."""
 
+
+@dataclass(frozen=True)
+class AngleOptions:
+    """The direction to the camera, in degrees, of a command without ``--camera``."""
+
+    off_nadir: float | None
+    view_azimuth: float | None
+
+    def __post_init__(self) -> None:
+        """Raise a usage error for half of a direction."""
+        if self.off_nadir and self.view_azimuth is None:
+            raise click.UsageError("--off-nadir needs --view-azimuth")
+        if self.view_azimuth is not None and self.off_nadir is None:
+            raise click.UsageError("--view-azimuth needs --off-nadir")
+
+    @property
+    def are_given(self) -> bool:
+        """True if one is stated."""
+        return (self.off_nadir, self.view_azimuth) != (None, None)
+
+
+view_angle_options = collected(
+    "angles",
+    AngleOptions,
+    click.option(
+        "--off-nadir",
+        type=Number(0, 90, max_open=True),
+        metavar="DEG",
+        help="Angle between the vertical and the direction to the camera at the centre, degrees; default: 0.",
+    ),
+    click.option(
+        "--view-azimuth",
+        type=AZIMUTH,
+        metavar="DEG",
+        help="Azimuth of the camera, seen from the centre, degrees clockwise from north; needed with --off-nadir.",
+    ),
+)
+"""The view, which a command gets as ``angles``."""
+
 disc_option = click.option(
     "--sun",
     "disc",
@@ -115,13 +155,24 @@ disc_option = click.option(
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing output.")
 
 
-def output_option(metavar: str, required: bool = True, written: Files | None = None) -> Decorator:
-    """Option ``-o`` for the output file, or for a folder (``DIR``). ``written``: the files that are written,
-    if they are others than the named one.
-    """
-    what = "Output folder." if metavar == "DIR" else "Output file."
-    kind = OutputFile(written)
-    return click.option("-o", "--output", required=required, type=kind, metavar=metavar, help=what)
+def output_option(
+    metavar: str, kind: OutputFile | None = None, required: bool = True, text: str = "Output file."
+) -> Decorator:
+    """Option ``-o`` for the output file, or for a folder (``DIR``)."""
+    what = "Output folder." if metavar == "DIR" else text
+    settings: dict[str, Any] = {"required": required, "type": kind or OutputFile(), "help": what}
+    return click.option("-o", "--output", metavar=metavar, **settings)
+
+
+def other_output_option(flag: str, metavar: str, text: str, name: str | None = None) -> Decorator:
+    """An option for a further output file; ``name``: that of its value, if it is not the flag's."""
+    names = (flag,) if name is None else (flag, name)
+    return click.option(*names, type=OutputFile(), metavar=metavar, help=text)
+
+
+def json_option(text: str = "Print one JSON document on stdout.") -> Decorator:
+    """``--json``, which a command gets as ``as_json``."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
 
 
 def albedo_map(
@@ -130,12 +181,3 @@ def albedo_map(
     """The albedo map of a model, opened by ``read``; None without one."""
     path = model.albedo_file
     return None if path is None else read(str(path), model.albedo_encoding, model.albedo_reference)
-
-
-def check_outputs(overwrite: bool, *outputs: str | None) -> None:
-    """OutputExistsError or OutputError, before anything is computed, for outputs that cannot be written."""
-    from lcp_catalog.atomic_files import check_output
-
-    for name in outputs:
-        if name is not None:
-            check_output(name, overwrite)

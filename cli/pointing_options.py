@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from .environment_options import EnvironmentOptions
-from .files import InputFile
 from .groups import Decorator, collected
+from .options import camera_file_option
 from .value_types import AZIMUTH, Number
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def camera_options(camera_help: str) -> Decorator:
     return collected(
         "camera",
         CameraOptions,
-        click.option("--camera", type=InputFile(), metavar="CAMERA.json", help=camera_help),
+        camera_file_option(camera_help),
         click.option(
             "--fov",
             "fov_deg",

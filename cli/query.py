@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from . import options
-from .files import FileCommand, InputFile, OutputFile, require_ending
+from .files import FileCommand, InputFile, require_ending
 from .groups import collected, option_group
 from .messages import echo, say
 from .progress import progress
@@ -144,13 +144,10 @@ known_options = option_group(
 @frame_options
 @options.sun_angle_options
 @collected("query", query_choice, most_option, known_options)
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@options.json_option()
 @options.output_option("OUT.csv|.geojson", required=False)
-@click.option(
-    "--plot",
-    type=OutputFile(),
-    metavar="OUT.svg|.html",
-    help="With --trajectory: chart of usable points, accuracy and holes.",
+@options.other_output_option(
+    "--plot", "OUT.svg|.html", "With --trajectory: chart of usable points, accuracy and holes."
 )
 @options.overwrite_option
 def command(
@@ -174,7 +171,6 @@ def command(
     from lcp_catalog.catalog.verification import open_catalog
     from lcp_catalog.matching.point_choice import seen_from
 
-    options.check_outputs(overwrite, output, plot)
     images = frames.read(sun, catalog)
     opened = seen_from(open_catalog(catalog, check=False), [one.sensor for one in images])
     asked = Asked(opened, images, query, as_json, output, overwrite)

@@ -7,7 +7,7 @@ import json
 import click
 
 from . import options
-from .files import FileCommand, OutputFile
+from .files import FileCommand
 from .messages import echo
 from .names import option as option_of
 from .render_options import RenderOptions, render_options
@@ -21,11 +21,10 @@ from .warm_up import compile_missing
 )
 @render_options
 @options.output_option("OUT.tif", required=False)
-@click.option(
+@options.other_output_option(
     "--preview",
-    type=OutputFile(),
-    metavar="OUT.png",
-    help="Also write the radiance as an 8-bit PNG, in colour under an albedo map in colour.",
+    "OUT.png",
+    "Also write the radiance as an 8-bit PNG, in colour under an albedo map in colour.",
 )
 @click.option(
     "--explain",
@@ -60,7 +59,6 @@ def command(
     from lcp_catalog.rendering.public import explain as explained
     from lcp_catalog.stages import shares_of_time
 
-    options.check_outputs(overwrite, output, preview)
     request = asked.request()
     compile_missing("render")
     image = None

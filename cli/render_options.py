@@ -15,7 +15,7 @@ from .environment_options import EnvironmentOptions, environment_options
 from .files import RASTER
 from .groups import Decorator, collected
 from .pointing_options import CameraOptions, camera_options
-from .value_types import AZIMUTH, POSITIVE, Finite, Number
+from .value_types import POSITIVE, Finite
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
@@ -42,8 +42,7 @@ class ViewOptions:
     """The view: that of the camera, or angles at the area's centre; the image's plane; what is behind the terrain."""
 
     camera: CameraOptions
-    off_nadir: float | None
-    view_azimuth: float | None
+    angles: options.AngleOptions
     altitude_km: float | None
     frame: str | None
     around: str | None
@@ -53,18 +52,13 @@ class ViewOptions:
 
     def __post_init__(self) -> None:
         """Raise a usage error for contradictory or incomplete options."""
-        angles = (self.off_nadir, self.view_azimuth)
         if self.camera.is_pointed:
-            if angles != (None, None):
+            if self.angles.are_given:
                 raise click.UsageError(
                     "--fov excludes --off-nadir and --view-azimuth; --look AZ EL gives the direction"
                 )
-        elif self.camera.is_given and (*angles, self.altitude_km) != (None, None, None):
+        elif self.camera.is_given and (self.angles.are_given or self.altitude_km is not None):
             raise click.UsageError("--camera excludes --off-nadir, --view-azimuth and --altitude")
-        if self.off_nadir and self.view_azimuth is None:
-            raise click.UsageError("--off-nadir needs --view-azimuth")
-        if self.view_azimuth is not None and self.off_nadir is None:
-            raise click.UsageError("--view-azimuth needs --off-nadir")
         if self.in_plane and not self.camera.is_given and self.altitude_km is None:
             raise click.UsageError(
                 "--frame camera needs --camera, --fov, or --altitude (with --off-nadir)"
@@ -177,7 +171,8 @@ class RenderOptions:
         behind = None
         if shown.has_backdrop:
             behind = Backdrop.open(shown.shadow_catcher, shown.background, shown.background_white)
-        angles = ViewAngles(shown.off_nadir or 0.0, shown.view_azimuth or 0.0, shown.altitude_km)
+        off_nadir, azimuth = shown.angles.off_nadir or 0.0, shown.angles.view_azimuth or 0.0
+        angles = ViewAngles(off_nadir, azimuth, shown.altitude_km)
         return Request(
             dems=dem_set(self.dem, self.product_order or ()) if self.dem else None,
             area=self._area(),
@@ -203,18 +198,7 @@ view_options = collected(
     camera_options(
         "Camera file: CAMERA.json, a USGS ISD (framing camera, line scanner, push-frame camera) or a .tsai file."
     ),
-    click.option(
-        "--off-nadir",
-        type=Number(0, 90, max_open=True),
-        metavar="DEG",
-        help="Angle between the vertical and the direction to the camera at the area's centre, degrees; default: 0.",
-    ),
-    click.option(
-        "--view-azimuth",
-        type=AZIMUTH,
-        metavar="DEG",
-        help="Azimuth of the camera, seen from the area's centre, degrees clockwise from north; needed with --off-nadir.",
-    ),
+    options.view_angle_options,
     click.option(
         "--altitude",
         "altitude_km",

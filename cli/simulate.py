@@ -11,7 +11,7 @@ import click
 from . import options, render_options
 from .build_options import field_option, model_options
 from .environment_options import EnvironmentOptions, environment_options
-from .files import FileCommand, InputFile, raster_files
+from .files import FileCommand, InputFile, OutputFile, raster_files
 from .groups import collected
 from .pointing_options import CameraOptions, camera_options
 from .value_types import PLACE, POSITIVE, Number
@@ -124,7 +124,7 @@ detector_options = collected(
     metavar="CATALOG.h5|DEM...",
 )
 @options.product_order_option
-@options.output_option("FRAME.png|.tif", written=_written)
+@options.output_option("FRAME.png|.tif", OutputFile(_written))
 @camera_options("Camera of the frame; or one without a file: --fov.")
 @click.option(
     "--center",
@@ -200,7 +200,6 @@ def command(
     assert seen is not None
     camera.check_lit(sun, light, seen)
     beside = str(camera_path(output))
-    options.check_outputs(overwrite, output, beside)
     compile_missing("simulate")
     taken = simulate(
         source,

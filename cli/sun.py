@@ -62,7 +62,7 @@ COLUMNS = {
 )
 @click.option("--time", "time_utc", type=Instant(), metavar="UTC", help="One instant.")
 @options.range_option("Instants from START to STOP; STEP is like 30m, 6h, 1d or PT6H.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document to stdout.")
+@options.json_option()
 @options.output_option("OUT.csv", required=False)
 @options.overwrite_option
 def command(
@@ -98,7 +98,6 @@ def command(
     from lcp_catalog.ephemeris.solar_position import remarks
     from lcp_catalog.light.sun_visibility import sun_at
 
-    options.check_outputs(overwrite, output)
     table = sun_at(place, when, height_m=height_m, dem=dems or None, gsd_m=gsd_m)
     notes = remarks(table)
     if output is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .build_options import ALBEDO, AREA, POINTS, SWEEP, build_options
-from .files import FileCommand
+from .files import FileCommand, OutputFile
 from .messages import echo, say
 from .options import dem_argument, output_option, overwrite_option
 from .progress import progress
@@ -51,7 +51,7 @@ def _written(folder: str) -> Iterator[Path]:
     example="lcp trade DEM.tif -o trade --center 3.5 26 --size 60 --areas 2",
 )
 @dem_argument
-@output_option("DIR", written=_written)
+@output_option("DIR", OutputFile(_written))
 @build_options(["dem.product_order", *AREA, *SWEEP, "model.reflectance", *ALBEDO, *POINTS])
 @click.option(
     "--areas",

@@ -47,7 +47,7 @@ def _check_light_of_patches(disc: bool | None, bounce: str) -> None:
 )
 @options.catalog_argument
 @click.argument("images", metavar="IMAGE...", nargs=-1, required=True, type=RASTER)
-@options.output_option("DIR", written=_written)
+@options.output_option("DIR", OutputFile(_written))
 @options.camera_file_option(
     "Camera file: CAMERA.json, USGS ISD or .tsai; one for all images, or one per image in the same order. "
     "Default: none, for images that are georeferenced map projections.",
@@ -140,15 +140,14 @@ def _check_light_of_patches(disc: bool | None, bounce: str) -> None:
     metavar="EXPR",
     help="Condition for every image, like 'share_above_0_9>=0.85 and points_found>=20'; exit code 4 if it fails; default: none.",
 )
-@click.option(
+@options.other_output_option(
     "--fit-errors",
-    "errors_file",
-    type=OutputFile(dir_okay=False),
-    metavar="ERRORS.toml",
-    help="Also fit the error model of image and render to the points searched for, and write it as the section [errors] of "
+    "ERRORS.toml",
+    "Also fit the error model of image and render to the points searched for, and write it as the section [errors] of "
     "a BUILD.toml; a file for each kind of images. Simulated images: set errors.moving_share to 1 before.",
+    "errors_file",
 )
-@click.option("--json", "as_json", is_flag=True, help="Also print report.json on stdout.")
+@options.json_option("Also print report.json on stdout.")
 @options.overwrite_option
 @depfile_option
 def command(
@@ -192,7 +191,7 @@ def command(
     light.check_sun(sun, disc)
     if not dems:
         _check_light_of_patches(disc, bounce)
-    from lcp_catalog.atomic_files import check_folder, check_output
+    from lcp_catalog.atomic_files import check_folder
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.validation.output import FILES, errors_files, write_validation
     from lcp_catalog.validation.public import image_files, validate
@@ -208,9 +207,6 @@ def command(
         )
     fitted = Path(errors_file) if errors_file else None
     check_folder(Path(output), FILES, overwrite)
-    for name, replaced in ((depfile, True), (errors_file, overwrite)):
-        if name and (Path(output).is_dir() or Path(name).parent != Path(output)):
-            check_output(name, replaced)
     compile_missing("validate")
     with progress("images") as update:
         result = validate(

@@ -18,7 +18,7 @@ from .groups import collected
 from .messages import echo, say
 from .progress import progress
 from .sun import range_of
-from .value_types import AZIMUTH, PLACE, POSITIVE, Number
+from .value_types import PLACE, POSITIVE
 
 if TYPE_CHECKING:
     from lcp_catalog.navigation.site_windows import SiteWindows
@@ -33,18 +33,15 @@ class SiteOptions:
 
     size_km: float | None
     gsd_m: float | None
-    off_nadir: float | None
-    view_azimuth: float | None
+    angles: options.AngleOptions
     camera: str | None
 
     def __post_init__(self) -> None:
         """Raise a usage error for options that do not fit together."""
-        if self.camera and (self.size_km or self.gsd_m or self.off_nadir or self.view_azimuth):
+        if self.camera and (self.size_km or self.gsd_m or self.angles.are_given):
             raise click.UsageError(
                 "--camera excludes --size, --gsd, --off-nadir and --view-azimuth"
             )
-        if self.off_nadir and self.view_azimuth is None:
-            raise click.UsageError("--off-nadir needs --view-azimuth")
 
 
 site_options = collected(
@@ -61,18 +58,7 @@ site_options = collected(
         metavar="KM",
         help=f"Side length of the square site; default: {SITE_KM:g}.",
     ),
-    click.option(
-        "--off-nadir",
-        type=Number(0, 90, max_open=True),
-        metavar="DEG",
-        help="Angle between the vertical and the direction to the camera, degrees; default: 0.",
-    ),
-    click.option(
-        "--view-azimuth",
-        type=AZIMUTH,
-        metavar="DEG",
-        help="Azimuth of the camera, seen from the site, degrees clockwise from north.",
-    ),
+    options.view_angle_options,
     options.camera_file_option(
         "Camera that stays at its place: the points in its image, and the expected accuracy of its position."
     ),
@@ -106,7 +92,7 @@ site_options = collected(
     metavar="N",
     help="Least number of usable points of an interval.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout.")
+@options.json_option()
 @options.output_option("OUT.csv", required=False)
 @options.overwrite_option
 def command(
@@ -128,7 +114,6 @@ def command(
     from lcp_catalog.catalog.verification import open_catalog
     from lcp_catalog.navigation.site_windows import windows
 
-    options.check_outputs(overwrite, output)
     opened = open_catalog(catalog, check=False)  # here is one thread, and `progress` starts another
     with progress("instants") as update:
         found = windows(
@@ -137,8 +122,8 @@ def command(
             range_of(span),
             size_km=site.size_km or SITE_KM,
             gsd_m=site.gsd_m,
-            off_nadir_deg=site.off_nadir or 0.0,
-            view_azimuth_deg=site.view_azimuth or 0.0,
+            off_nadir_deg=site.angles.off_nadir or 0.0,
+            view_azimuth_deg=site.angles.view_azimuth or 0.0,
             camera=site.camera,
             progress=update,
         )

@@ -183,7 +183,7 @@ def test_mistakes_are_one_line_and_leave_nothing(
     named = {"DEM": dem, "FAR": str(far)}
     given = [named.get(word, word) for word in arguments]
     light = SUN if command == "render" else ["--sun-azimuths", "80,90", "--sun-elevations", "20,30"]
-    out = str(tmp_path / "out")
+    out = str(tmp_path / ("out.tif" if command == "render" else "out.h5"))
     flags = ["-o", out, *AREA, "--gsd", "600", *light, *given]
     assert says in refusal([command, dem, *flags], code, capsys)
     assert [p.name for p in tmp_path.iterdir()] == ["far.tif"]

@@ -78,7 +78,7 @@ def test_the_same_place_by_another_name_is_the_same_picture(moon, tmp_path):
     sun = ["--sun-azimuth", "100", "--sun-elevation", "3"]
 
     def picture(name, *area):
-        bands = render(moon, tmp_path / name, *area, "--gsd", "2500", *sun)
+        bands = render(moon, tmp_path / f"{name}.tif", *area, "--gsd", "2500", *sun)
         return np.stack(list(bands.values()))
 
     area = ["--size", "50", "--center"]
