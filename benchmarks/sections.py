@@ -5,9 +5,27 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from argparse import ArgumentParser, RawTextHelpFormatter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from benchmarks.places import OUTPUT, shared_data
 
 _THREADS = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def parser(section: str, about: str | None) -> ArgumentParser:
+    """The parser of a section's words, such as ``speed merge``, whose help is the module's text."""
+    name = f"python -m benchmarks.{section}"
+    return ArgumentParser(name, description=about, formatter_class=RawTextHelpFormatter)
+
+
+def evidence_parser(section: str, about: str | None, folder: str = "") -> ArgumentParser:
+    """The same with ``--output``, a folder of that of the evidence, and ``--data``, that of the shared data."""
+    found, output = parser(f"evidence {section}", about), OUTPUT.parent / "evidence" / folder
+    found.add_argument("-o", "--output", type=Path, default=output)
+    found.add_argument("--data", type=Path, default=shared_data())
+    return found
 
 
 def run(package: str, sections: Mapping[str, str]) -> int:

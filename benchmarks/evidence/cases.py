@@ -14,11 +14,19 @@ from pathlib import Path
 
 import numpy as np
 import rasterio
-from lcp_cli.main import run
 from pyproj import CRS, Transformer
 from rasterio.windows import Window
 
-from benchmarks.evidence.catalogues import ALBEDO, LAW, SERIES_TOML, Build, built, opened, to_sun
+from benchmarks.evidence.catalogues import (
+    ALBEDO,
+    LAW,
+    SERIES_TOML,
+    Build,
+    built,
+    by_command,
+    opened,
+    to_sun,
+)
 from benchmarks.evidence.dequantise import smooth_terraces
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.cameras.frame_camera import Camera
@@ -209,7 +217,7 @@ def terminator(data: Path, folder: Path) -> Case:
         ImageFiles(image),
         apollo_maps.UNCERTAIN,
         dem,
-        partial(_command, folder / f"{name}.h5", dem, options),
+        partial(by_command, folder / f"{name}.h5", dem, options),
         APOLLO_16,
         "Apollo 16 maps",
         SunChoice(subsolar_deg=_subsolar(photo)),
@@ -235,7 +243,7 @@ def mare(data: Path, folder: Path) -> Iterator[Case]:
             ImageFiles(_put_right(image, folder, dem, sun)),
             Uncertainty(MARE_SIGMA_M),
             dem,
-            partial(_command, folder / "mare.h5", dem, MARE_OPTIONS.split()),
+            partial(by_command, folder / "mare.h5", dem, MARE_OPTIONS.split()),
             "JAXA; file: lunadem, CC0",
             "Kaguya mare",
             sun,
@@ -275,7 +283,7 @@ def polar(data: Path, folder: Path) -> Iterator[Case]:
             ImageFiles(image),
             Uncertainty(POLAR_SIGMA_M),
             dem,
-            partial(_command, folder / f"{name}.h5", dem, options),
+            partial(by_command, folder / f"{name}.h5", dem, options),
             "NASA/GSFC/Arizona State University; file: lunar-toolkit, BSD-3",
             "polar LOLA",
             SunChoice(subsolar_deg=(subsolar, -0.5)),
@@ -316,7 +324,7 @@ def pit(data: Path, folder: Path) -> Iterator[Case]:
         ImageFiles(place / "tranqpit1_ortho_M152662021_0p5m.tif"),
         Uncertainty(1000.0),
         dem,
-        partial(_command, folder / "pit.h5", dem, options),
+        partial(by_command, folder / "pit.h5", dem, options),
         "NASA/GSFC/Arizona State University; files: gazebo_models, CC BY 3.0",
         "NAC",
         pit_pair.pit_sun(place),
@@ -349,16 +357,10 @@ def calibrated_crop(data: Path, folder: Path) -> Case:
         ImageFiles(cube, camera),
         Uncertainty(1000.0),
         dem,
-        partial(_command, folder / "bruno.h5", dem, options),
+        partial(by_command, folder / "bruno.h5", dem, options),
         "NASA/GSFC/Arizona State University; file: USGS ISIS, CC0",
         "NAC",
         SunChoice(time_utc="2010-11-09T13:06:46"),
         albedo=False,
         encoding="linear",
     )
-
-
-def _command(path: Path, dem: Path, options: list[str]) -> Path | None:
-    """A catalogue by the command, unless it is there; None without a point."""
-    given = ["build-catalog", str(dem), "-o", str(path), "--jobs", "2", *options]
-    return path if path.exists() or run(given) == 0 else None

@@ -80,9 +80,7 @@ def opened(data: Path, name: str) -> tuple[Image, ImageFiles, Path]:
 
 
 def built(path: Path, photo: Image, dem: Path, data: Path, build: Build) -> Path | None:
-    """The catalogue, built by the command unless it is there; None without a point."""
-    if path.exists():
-        return path
+    """The catalogue of a photograph's ground as `by_command`."""
     azimuth, elevation = angles(photo)
     around = SUN_STEP_DEG * (math.floor(azimuth / SUN_STEP_DEG) + np.arange(2)) % 360.0
     k = int(np.clip(np.searchsorted(ELEVATIONS_DEG, elevation), 1, len(ELEVATIONS_DEG) - 1))
@@ -98,7 +96,7 @@ def built(path: Path, photo: Image, dem: Path, data: Path, build: Build) -> Path
     west, south, east, north = SERIES_BOUNDS_DEG if series else _shown_deg(photo, dem)
     where = ["--bounds", *(f"{v:.4f}" for v in (west, south, east, north))]
     spacing_km = SERIES_SPACING_KM if series else build.spacing_km
-    how = ["--spacing", f"{spacing_km:g}", "--reflectance", LAW, "--jobs", "2"]
+    how = ["--spacing", f"{spacing_km:g}", "--reflectance", LAW]
     cell_m = SERIES_CELL_M if series else build.gsd_m
     how += ["--gsd", f"{cell_m:g}"]
     if series:
@@ -109,8 +107,13 @@ def built(path: Path, photo: Image, dem: Path, data: Path, build: Build) -> Path
         how += ["--albedo", str(data / ALBEDO)]
     views = ("0:0",) if series else VIEWS
     how += [part for view in views for part in ("--view", view)]
-    code = run(["build-catalog", str(dem), "-o", str(path), *where, *suns, *how])
-    return path if code == 0 else None
+    return by_command(path, dem, [*where, *suns, *how])
+
+
+def by_command(path: Path, dem: Path, options: Sequence[str]) -> Path | None:
+    """A catalogue, built by the command unless it is there; None without a point."""
+    given = ["build-catalog", str(dem), "-o", str(path), "--jobs", "2", *options]
+    return path if path.exists() or run(given) == 0 else None
 
 
 def _listed(values: Sequence[float]) -> str:

@@ -12,7 +12,6 @@ the covariance that `lcp query` states before is 3 in the mean if that covarianc
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -21,11 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from lcp_cli.main import run
 
+from benchmarks.evidence.catalogues import by_command
 from benchmarks.evidence.scores import arrays, bins_table, kept, scores_table, write_diagrams
 from benchmarks.markdown import table
-from benchmarks.places import OUTPUT, shared_data
+from benchmarks.sections import evidence_parser
 from lcp_catalog.arrays import Array, Index, Mask
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import pixel_size_m
@@ -150,15 +149,13 @@ def _of_site(folder: Path, data: Path, name: str, place: Place, count: int) -> l
 
 def built(path: Path, dem: Path, place: Place) -> Path:
     """The catalogue of a site, built by the command unless it is there."""
-    if not path.exists():
-        centre = [str(v) for v in place.center_deg]
-        where = ["--center", *centre, "--size", str(place.size_km), "--gsd", str(place.gsd_m)]
-        how = ["--spacing", str(place.spacing_km), "--reflectance", LAW, "--jobs", "2"]
-        config = path.with_suffix(".toml")
-        config.write_text(SMOOTH_TOML, encoding="utf-8")
-        words = ["build-catalog", str(dem), "-o", str(path), *where, *how, "--config", str(config)]
-        if run(words):
-            raise SystemExit(f"{path.name}: the build failed")
+    centre = [str(v) for v in place.center_deg]
+    where = ["--center", *centre, "--size", str(place.size_km), "--gsd", str(place.gsd_m)]
+    how = ["--spacing", str(place.spacing_km), "--reflectance", LAW]
+    config = path.with_suffix(".toml")
+    config.write_text(SMOOTH_TOML, encoding="utf-8")
+    if by_command(path, dem, [*where, *how, "--config", str(config)]) is None:
+        raise SystemExit(f"{path.name}: the build failed")
     return path
 
 
@@ -270,9 +267,7 @@ def positions_table(groups: dict[str, list[Frame]]) -> str:
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.evidence frames", description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=OUTPUT.parent / "evidence" / "frames")
-    parser.add_argument("--data", type=Path, default=shared_data())
+    parser = evidence_parser("frames", __doc__, "frames")
     parser.add_argument("--frames", type=int, default=200)
     asked = parser.parse_args(words)
     groups = groups_of(work(asked.output, asked.data, asked.frames))

@@ -9,7 +9,6 @@ the pictures. Catalogues and finished photographs are kept in the folder and use
 
 from __future__ import annotations
 
-import argparse
 import html
 import json
 import sys
@@ -29,7 +28,7 @@ from benchmarks.evidence.cases import Case, chosen
 from benchmarks.evidence.catalogues import ALBEDO, LAW
 from benchmarks.evidence.scores import STYLE, arrays, bins_table, diagrams, kept, scores_table
 from benchmarks.markdown import table
-from benchmarks.places import OUTPUT, shared_data
+from benchmarks.sections import evidence_parser
 from lcp_catalog.arrays import Array
 from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.dem.mosaic import DemSet
@@ -395,11 +394,7 @@ def by_kind(rows: list[Row]) -> dict[str, list[Claims]]:
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.evidence photographs", description=__doc__.splitlines()[0]
-    )
-    parser.add_argument("-o", "--output", type=Path, default=OUTPUT.parent / "evidence")
-    parser.add_argument("--data", type=Path, default=shared_data())
+    parser = evidence_parser("photographs", __doc__)
     parser.add_argument("--only", nargs="*", default=[""], help="names that begin so")
     asked = parser.parse_args(words)
     warnings.filterwarnings("ignore", category=NotGeoreferencedWarning)

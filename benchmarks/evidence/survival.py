@@ -12,7 +12,6 @@ installed (`matchers`).
 
 from __future__ import annotations
 
-import argparse
 import base64
 import json
 from collections.abc import Iterator, Sequence
@@ -31,7 +30,7 @@ from benchmarks.evidence.cases import FAR, HADLEY, framed
 from benchmarks.evidence.catalogues import ALBEDO, LAW
 from benchmarks.evidence.matchers import Matcher, Pairs, Picture, matchers
 from benchmarks.markdown import table
-from benchmarks.places import OUTPUT, shared_data
+from benchmarks.sections import evidence_parser
 from lcp_catalog.arrays import Array, Index, Mask
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import pixel_size_m
@@ -346,9 +345,7 @@ def picture(panels: Sequence[tuple[Markup, Thumbs]], names: Sequence[str]) -> st
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.evidence survival", description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=OUTPUT.parent / "evidence")
-    parser.add_argument("--data", type=Path, default=shared_data())
+    parser = evidence_parser("survival", __doc__)
     asked = parser.parse_args(words)
     folder = asked.output / "survival"
     catalogues = asked.output / "catalogues"

@@ -8,7 +8,6 @@ given and false: beyond their own 3 sigma, or 3 pixels. Catalogues are those of 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 from benchmarks.evidence.cases import Case, chosen
 from benchmarks.evidence.catalogues import LAW
 from benchmarks.markdown import table
-from benchmarks.places import OUTPUT, shared_data
+from benchmarks.sections import evidence_parser
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
@@ -47,9 +46,7 @@ OUTSIDE = 14.2
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.evidence wrong", description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=OUTPUT.parent / "evidence")
-    parser.add_argument("--data", type=Path, default=shared_data())
+    parser = evidence_parser("wrong", __doc__)
     parser.add_argument("--only", nargs="*", default=["AS15-M-0", "AS15-M-1134", "AS16"])
     asked = parser.parse_args(words)
     some = [

@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from lcp_cli.main import run
 
+from benchmarks import sections
 from benchmarks.faults import failing
 from benchmarks.markdown import table
 from lcp_catalog.production import executor
@@ -41,11 +42,7 @@ CHANGING = ("write", "rename", "unlink", "fsync")
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.faults calls",
-        description=__doc__,
-        formatter_class=argparse.RawTextHelpFormatter,
-    )
+    parser = sections.parser("faults calls", __doc__)
     names = [*small_commands.COMMANDS]
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=names, default=names)
     parser.add_argument("--kinds", nargs="+", choices=[*failing.KINDS], default=[*failing.KINDS])

@@ -12,7 +12,6 @@ every use (`tests/helpers/catalog_uses.py`). Prints survived / tried.
 
 from __future__ import annotations
 
-import argparse
 import resource
 import tempfile
 import time
@@ -21,13 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import sections
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.production.checkpoints import Checkpoints
 from tests.helpers import catalog_uses, catalogs, damaged_catalogs, finished_areas
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.faults damage", description=__doc__)
+    parser = sections.parser("faults damage", __doc__)
     parser.add_argument("--flips", type=int, default=1000, help="copies with one wrong bit")
     parser.add_argument("--ranges", type=int, default=1000, help="copies with other damage")
     parser.add_argument("--indices", type=int, default=312, help="bits near indices of chunks")

@@ -18,7 +18,6 @@ survived / tried, and the cases that did not survive; it exits 1 if there are an
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import random
@@ -26,7 +25,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -35,9 +33,10 @@ from pathlib import Path
 
 import rasterio
 
+from benchmarks import sections
+from benchmarks.commands import LCP
 from benchmarks.faults.processes import CONFIG, DEM, is_gone, wait_for
 
-LCP = Path(sys.executable).with_name("lcp")
 LONGEST_S = 120.0
 """A build that takes longer hangs."""
 END_S = 5.0
@@ -110,7 +109,7 @@ class Cases:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
         command = [
-            str(LCP), "build-catalog", str(case / "dem.tif"), "-o", str(output or case / "x.h5"),
+            LCP, "build-catalog", str(case / "dem.tif"), "-o", str(output or case / "x.h5"),
             "--config", str(self.folder / "build.toml"), "--jobs", "2", *options,
         ]  # fmt: skip
         return subprocess.Popen(
@@ -131,6 +130,21 @@ class Cases:
         """CaseError unless the output has the bytes of an undisturbed build."""
         if output.read_bytes() not in (allowed or (self.whole,)):
             raise CaseError("the catalogue differs from that of an undisturbed build")
+
+    def resumed(self, ended: subprocess.CompletedProcess[str], output: Path) -> None:
+        """CaseError unless a build that went on has the output of an undisturbed one."""
+        if ended.returncode:
+            raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
+        self.same(output)
+
+    def refused_or_same(
+        self, ended: subprocess.CompletedProcess[str], output: Path, *allowed: bytes
+    ) -> None:
+        """CaseError unless a build was refused in a line, or has one of the allowed outputs."""
+        if ended.returncode:
+            refused(ended, output)
+        else:
+            self.same(output, *allowed)
 
 
 def finished(process: subprocess.Popen[str]) -> subprocess.CompletedProcess[str]:
@@ -179,9 +193,8 @@ def small_file_system(folder: Path, kilobytes: int) -> Iterator[Callable[[int], 
         subprocess.run(["umount", "-l", folder], check=True)
 
 
-def disk(cases: Cases) -> None:
+def disk(cases: Cases, case: Path) -> None:
     """A full file system, then room."""
-    case = cases.case()
     disk = case / "disk"
     with small_file_system(disk, cases.rng.randrange(4, 2 * len(cases.whole) // 1000)) as resized:
         output = disk / "x.h5"
@@ -190,28 +203,20 @@ def disk(cases: Cases) -> None:
             refused(ended, output)
             resized(100_000)
             ended = cases.build(case, "--resume", output=output)
-        if ended.returncode:
-            raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
-        cases.same(output)
-    shutil.rmtree(case)
+        cases.resumed(ended, output)
 
 
-def limit(cases: Cases) -> None:
+def limit(cases: Cases, case: Path) -> None:
     """A limit on the size of files, then none."""
-    case = cases.case()
     ended = cases.build(case, limit=cases.rng.randrange(100, int(1.1 * len(cases.whole))))
     if ended.returncode:
         refused(ended, case / "x.h5")
         ended = cases.build(case, "--resume")
-    if ended.returncode:
-        raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
-    cases.same(case / "x.h5")
-    shutil.rmtree(case)
+    cases.resumed(ended, case / "x.h5")
 
 
-def builds(cases: Cases) -> None:
+def builds(cases: Cases, case: Path) -> None:
     """Two builds of one output."""
-    case = cases.case()
     first = cases.start(case)
     time.sleep(cases.moment(0.9))
     second = cases.start(case)
@@ -222,43 +227,29 @@ def builds(cases: Cases) -> None:
             f"exits {codes} instead of 0 and 1: {[ended.stderr[-200:] for ended in ends]}"
         )
     cases.same(case / "x.h5")
-    shutil.rmtree(case)
 
 
-def inputs(cases: Cases) -> None:
+def inputs(cases: Cases, case: Path) -> None:
     """A DEM that another one replaces."""
-    case = cases.case()
     process = cases.start(case)
     time.sleep(cases.moment())
     aside = case / "new.tif"
     shutil.copy(cases.other_dem, aside)
     aside.replace(case / "dem.tif")
-    ended = finished(process)
-    if ended.returncode:
-        refused(ended, case / "x.h5")
-    else:
-        cases.same(case / "x.h5", cases.whole, cases.other)
-    shutil.rmtree(case)
+    cases.refused_or_same(finished(process), case / "x.h5", cases.whole, cases.other)
 
 
-def reading(cases: Cases) -> None:
+def reading(cases: Cases, case: Path) -> None:
     """A DEM that is cut while it is read."""
-    case = cases.case()
     process = cases.start(case)
     time.sleep(cases.moment())
     size = (case / "dem.tif").stat().st_size
     os.truncate(case / "dem.tif", cases.rng.randrange(size))
-    ended = finished(process)
-    if ended.returncode:
-        refused(ended, case / "x.h5")
-    else:
-        cases.same(case / "x.h5")
-    shutil.rmtree(case)
+    cases.refused_or_same(finished(process), case / "x.h5")
 
 
-def checkpoints(cases: Cases) -> None:
+def checkpoints(cases: Cases, case: Path) -> None:
     """A checkpoint with one wrong bit."""
-    case = cases.case()
     process = cases.start(case)
     while process.poll() is None and not list((case / "x.h5.parts").glob("*.area")):
         time.sleep(0.02)
@@ -275,22 +266,21 @@ def checkpoints(cases: Cases) -> None:
     ended = cases.build(case, "--resume", "--overwrite")
     if ended.returncode == 1 and "run.json" in ended.stderr:
         ended = cases.build(case, "--overwrite")
-    if ended.returncode:
-        raise CaseError(f"not resumed: {ended.stderr.strip()[-200:]}")
-    cases.same(case / "x.h5")
-    shutil.rmtree(case)
+    cases.resumed(ended, case / "x.h5")
 
 
 KINDS = {f.__name__: f for f in (disk, limit, builds, inputs, reading, checkpoints)}
 
 
-def run_kind(name: str, case: Callable[[Cases], None], cases: Cases, count: int) -> bool:
+def run_kind(name: str, kind: Callable[[Cases, Path], None], cases: Cases, count: int) -> bool:
     """Run the cases and print the kind's line; True if all survived."""
     survived, start = 0, time.monotonic()
     for number in range(count):
+        case = cases.case()
         try:
-            case(cases)
+            kind(cases, case)
             survived += 1
+            shutil.rmtree(case)
         except CaseError as fault:
             print(f"  {name} {number}: {fault}", flush=True)
         except PermissionError as error:
@@ -301,9 +291,7 @@ def run_kind(name: str, case: Callable[[Cases], None], cases: Cases, count: int)
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.faults disks", description=__doc__.splitlines()[0]
-    )
+    parser = sections.parser("faults disks", __doc__)
     parser.add_argument("--seed", type=int, default=16)
     parser.add_argument("--cases", type=int, default=30, help="cases of every kind")
     parser.add_argument("--only", nargs="+", choices=list(KINDS), default=list(KINDS))

@@ -10,7 +10,6 @@ its place. The damage depends on the parser and the seed alone.
 
 from __future__ import annotations
 
-import argparse
 import collections
 import contextlib
 import json
@@ -32,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import sections
 from benchmarks.places import ROOT, SAMPLE, shared_data
 from lcp_catalog.errors import LcpError
 from tests.helpers import image_files, isd_files, merged_texts, products
@@ -477,16 +477,8 @@ def survey(name: str, first: int, count: int) -> dict[str, list[int]]:
     failures: dict[str, list[int]] = collections.defaultdict(list)
     seed, last = first, first + count
     while seed < last:
-        words = [
-            sys.executable,
-            "-m",
-            "benchmarks.faults",
-            "fuzz",
-            "--child",
-            name,
-            str(seed),
-            str(last),
-        ]
+        tried = ["--child", name, str(seed), str(last)]
+        words = [sys.executable, "-m", "benchmarks.faults", "fuzz", *tried]
         with subprocess.Popen(
             words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=ROOT
         ) as run:
@@ -525,7 +517,7 @@ def main(words: Sequence[str]) -> int:
     if words[:1] == ["--child"]:
         child(words[1], int(words[2]), int(words[3]))
         return 0
-    options = argparse.ArgumentParser("python -m benchmarks.faults fuzz", description=__doc__)
+    options = sections.parser("faults fuzz", __doc__)
     options.add_argument("parsers", nargs="*", choices=[[], *PARSERS], metavar="PARSER")
     options.add_argument("--inputs", type=int, default=6250, metavar="N")
     options.add_argument("--first", type=int, default=0, metavar="SEED")

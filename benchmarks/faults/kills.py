@@ -12,7 +12,6 @@ seconds later, no incomplete catalogue is there, and the finished catalogue has 
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import os
 import random
@@ -28,6 +27,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmarks import sections
 from benchmarks.faults.processes import CONFIG, DEM, children, is_gone, wait_for
 from benchmarks.markdown import table
 
@@ -249,11 +249,7 @@ def run(kills: int, ways: Sequence[str], seed: int) -> Result:
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.faults kills",
-        description=__doc__,
-        formatter_class=argparse.RawTextHelpFormatter,
-    )
+    parser = sections.parser("faults kills", __doc__)
     has_dask = importlib.util.find_spec("distributed") is not None
     ways = ["jobs", "parts", *(["cluster"] if has_dask else [])]
     parser.add_argument("--kills", type=int, default=200)

@@ -21,6 +21,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from benchmarks import sections
 from benchmarks.commands import lcp
 from benchmarks.markdown import percent, table
 from benchmarks.places import CONFIG, DEM, OUTPUT
@@ -36,9 +37,7 @@ BEFORE = "4e256b5"
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser(
-        "python -m benchmarks.speed build", description=__doc__.splitlines()[0]
-    )
+    parser = sections.parser("speed build", __doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     parser.add_argument("--case", action="append", choices=CASES, help="default: all")
     parser.add_argument("--rounds", type=int, default=5)

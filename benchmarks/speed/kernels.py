@@ -7,13 +7,13 @@ One thread, processor time, medians of interleaved rounds; Markdown.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import cv2
 import numpy as np
 
+from benchmarks import sections
 from benchmarks.markdown import percent, table
 from benchmarks.places import DEM, SAMPLE
 from benchmarks.timing import Task, in_turn, median, ratio
@@ -55,7 +55,7 @@ LAWS = ("lommel-seeliger", "hapke")
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.speed kernels", description=__doc__)
+    parser = sections.parser("speed kernels", __doc__)
     parser.add_argument("parts", nargs="*", choices=[[], *PARTS], metavar="PART")
     parser.add_argument("--rounds", type=int, default=5)
     given = parser.parse_args(words)

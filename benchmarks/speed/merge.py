@@ -10,7 +10,6 @@ point. The checkpoints are made in a process of their own, so that the peak is t
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 import shutil
@@ -21,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import sections
 from lcp_catalog.catalog.schema import EVALUATED, USABLE
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.memory import peak_mb
@@ -139,7 +139,7 @@ def resume(config: BuildConfig, folder: Path, areas: int) -> None:
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.speed merge", description=__doc__)
+    parser = sections.parser("speed merge", __doc__)
     parser.add_argument("--full", action="store_true", help="points as large as the sample's")
     parser.add_argument("--points", type=int, default=1_000_000)
     parser.add_argument("--areas", type=int, default=100_000, help="that are checked")

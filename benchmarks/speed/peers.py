@@ -14,7 +14,6 @@ drifts, and it drifts for all.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import math
 import platform
@@ -25,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import sections
 from benchmarks.markdown import percent, table
 from benchmarks.timing import median, ratio
 from lcp_catalog.accuracy import TIERS
@@ -255,7 +255,7 @@ def cameras(n: int, field: Heightfield, mitsuba: Mitsuba) -> str:
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.speed peers", description=__doc__)
+    parser = sections.parser("speed peers", __doc__)
     parser.add_argument("sizes", nargs="*", type=int, default=[2048, 4096], metavar="NODES")
     sizes = parser.parse_args(words).sizes
     if not HAS_PEERS:

@@ -10,7 +10,6 @@ answers as documents. Processor time includes that of the process that judges th
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import multiprocessing
 import tempfile
@@ -20,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import sections
 from benchmarks.timing import processor_s
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.view import looking_camera
@@ -105,7 +105,7 @@ def write(count: int, moon: Path, region: Path) -> None:
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.speed query", description=__doc__)
+    parser = sections.parser("speed query", __doc__)
     parser.add_argument("points", nargs="?", type=int, default=100_000)
     parser.add_argument("--frames", type=int, default=1000, help="of a trajectory")
     given = parser.parse_args(words)

@@ -8,11 +8,11 @@ Quote the ratios.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks import sections
 from benchmarks.commands import LCP, Ran, ran
 from benchmarks.markdown import table
 from benchmarks.places import DEM, OUTPUT
@@ -23,7 +23,7 @@ PLACE, SUN = ("5", "25"), ("96", "14")
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.speed render", description=__doc__)
+    parser = sections.parser("speed render", __doc__)
     parser.add_argument("--rounds", type=int, default=5)
     rounds = parser.parse_args(words).rounds
     OUTPUT.mkdir(parents=True, exist_ok=True)

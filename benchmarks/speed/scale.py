@@ -9,7 +9,6 @@ Prints a table for each. Times are those of the processor, of one process with o
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import tempfile
 import time
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import sections
 from benchmarks.commands import lcp
 from benchmarks.markdown import table
 from lcp_catalog.catalog.catalogue import Catalog
@@ -50,7 +50,7 @@ POINTS = 1_000_000
 
 
 def main(words: Sequence[str]) -> int:
-    parser = argparse.ArgumentParser("python -m benchmarks.speed scale", description=__doc__)
+    parser = sections.parser("speed scale", __doc__)
     parts = ("plan", "maps", "areas", "catalog")
     parser.add_argument("parts", nargs="*", choices=[[], *parts], metavar="PART")
     parser.add_argument("--count", type=int, default=6, help="areas: so many random ones")
