@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -120,7 +119,7 @@ def validate(
     CatalogError, DemError, ImageError, CameraError, SunError
         For files that cannot be read; errors of one image are its result, unless all fail.
     ConfigError
-        For other numbers of images and cameras, and for an image that stands twice.
+        For other numbers of images and cameras, and for an image that stands twice with one camera.
 
     Examples
     --------
@@ -164,14 +163,10 @@ def image_files(
     images: Path | str | Sequence[Path | str],
     cameras: Path | str | Sequence[Path | str | None] | None,
 ) -> tuple[ImageFiles, ...]:
-    """Each image with its camera file. ConfigError if their numbers do not match, and for an image that stands twice."""
+    """Each image with its camera file. ConfigError if their numbers do not match, and for an image that stands twice with
+    one camera.
+    """
     shown = [images] if isinstance(images, Path | str) else list(images)
-    places = list(map(os.path.realpath, shown))
-    for image, place in zip(shown, places, strict=True):
-        if places.count(place) > 1:
-            raise ConfigError(
-                f"{image}: stands twice among the images and would count twice; name each image once"
-            )
     seen = [cameras] if cameras is None or isinstance(cameras, Path | str) else list(cameras)
     if len(seen) == 1:
         seen *= len(shown)
@@ -179,7 +174,14 @@ def image_files(
         raise ConfigError(
             f"{len(seen)} `cameras` for {len(shown)} images: give one, or one per image in the same order"
         )
-    return tuple(
+    files = tuple(
         ImageFiles(Path(image), None if camera is None else Path(camera))
         for image, camera in zip(shown, seen, strict=True)
     )
+    places = [(one.image.resolve(), one.camera and one.camera.resolve()) for one in files]
+    for one, place in zip(files, places, strict=True):
+        if places.count(place) > 1:
+            raise ConfigError(
+                f"{one.image}: stands twice among the images and would count twice; name each image once"
+            )
+    return files

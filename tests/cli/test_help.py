@@ -153,6 +153,23 @@ def test_another_ending_than_the_option_names_is_refused(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [one for one in OUTPUTS if one[0] != "build-catalog"],  # which decides by --resume and --plan
+    ids=lambda v: getattr(v, "name", v),
+)
+def test_an_output_that_exists_is_refused_before_anything_is_read(
+    name: str, option: click.Option, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ending = re.findall(r"[.]\w+", str(option.metavar))[0]
+    there = tmp_path / f"there{ending}"
+    there.write_text("kept")
+    words = [*_least(COMMANDS[name], tmp_path, "none.h5"), *REQUIRED.get(name, [])]
+    assert run([*name.split(), *words, option.opts[0], str(there)]) == 1
+    assert f"{there} exists; use --overwrite to replace it" in capsys.readouterr().err
+    assert there.read_text() == "kept"
+
+
 def test_every_command_that_writes_has_a_depfile() -> None:
     writers = {
         name

@@ -20,6 +20,7 @@ from lcp_catalog.cameras.camera_file import read_sensor
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
+from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.landmarks.error_model import ErrorModel
@@ -27,6 +28,7 @@ from lcp_catalog.matching.position_fix import SEARCHED, locate
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.validation.error_fit import fit_errors, residuals_of
+from lcp_catalog.validation.public import image_files
 from lcp_catalog.validation.run import ImageFiles, told_apart
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
@@ -232,6 +234,18 @@ def test_the_rule_for_make_is_none_of_the_reports_files(place, tmp_path, capsys)
 def test_images_of_one_name_are_told_apart(given, called) -> None:
     """With as few folders as needed; the same image may be given twice, with two cameras."""
     assert told_apart([ImageFiles(Path(name)) for name in given]) == called
+
+
+def test_an_image_may_stand_twice_with_two_cameras() -> None:
+    """With one it is refused, also by another name of it."""
+    assert len(image_files(["f.png", "f.png"], ["a.json", "b.json"])) == 2
+    for images, cameras in (
+        (["f.png", "./f.png"], ["a.json"]),
+        (["f.png", "f.png"], ["a.json", "b/../a.json"]),
+        (["e.png", "f.png", "f.png"], None),
+    ):
+        with pytest.raises(ConfigError, match=r"f\.png: stands twice among the images"):
+            image_files(images, cameras)
 
 
 def test_a_single_image_that_cannot_be_opened_ends_it(place, tmp_path, capsys) -> None:
