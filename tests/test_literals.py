@@ -164,7 +164,6 @@ LISTED: dict[str, str] = {
         kernels.matching.subpixel_fit 3
         kernels.photometry.facet 6 8 10 13 13
         kernels.points 17 73856093 19349663 83492791
-        kernels.rays.max_pyramid 3 3
         kernels.resampling.area_means 3 3
         kernels.resampling.heights 4
         kernels.shadows.draft 255
