@@ -372,10 +372,13 @@ def _of_ground(build: Build, config: BuildConfig, cause: str) -> Iterator[dict[s
     """Changes of what is known of the ground."""
     if cause in ("dark", "featureless") and config.model.albedo_file is None:
         yield {"model.albedo": MOON_MAP}
-    if cause in ("featureless", "few", "ambiguous") and len(build.levels) == 1:
-        finer_m = 0.5 * build.recipe.gsd_m
-        if resolves(native_dem(build.recipe.dems, build.recipe.region), finer_m):
-            yield {"area.gsd_m": finer_m}
+    if cause not in ("featureless", "few", "ambiguous") or len(build.levels) > 1:
+        return
+    cell_m = build.recipe.gsd_m
+    if cause == "ambiguous":  # a patch of as many nodes shows four times the ground
+        yield {"area.gsd_m": 2.0 * cell_m}
+    if resolves(native_dem(build.recipe.dems, build.recipe.region), 0.5 * cell_m):
+        yield {"area.gsd_m": 0.5 * cell_m}
 
 
 def _of_points(points: PointConfig, cell_m: float, cause: str) -> Iterator[dict[str, Any]]:
