@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ from lcp_cli.build_options import NUMBERS
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.production import public
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.production.cures import Trial, Yield, cures
+from lcp_catalog.production.cures import Trial, Yield, cures, warn_of_small_footprint
+from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
+from lcp_catalog.terrain.area import Area
 
 CONFIG = BuildConfig(
     area=AreaConfig(center_deg=(3.5, 26.0), size_km=120.0, gsd_m=474.0),
@@ -190,3 +193,40 @@ def test_the_effect_is_that_of_a_build_of_the_part(
     own = Yield.of(open_catalog(tmp_path / "part.h5"))
     assert run_._small(config) == own
     assert own.conditions > 0
+
+
+@pytest.mark.parametrize(
+    ("size_km", "gsd_m", "points", "said"),
+    [
+        (70.0, 474.0, {}, (250.0, 1.3, 0.99, 4.2)),
+        (70.0, 237.0, {}, (237.0, 1.3, 0.99, 4.0)),
+        (70.0, 474.0, {"patch_nodes": 17}, (474.0, 1.9, 0.99, 7.6)),
+        (70.0, 474.0, {"spacing_m": 4000.0, "located_probability": 0.9}, (250.0, 1.3, 0.9, 4.2)),
+        (70.0, 237.0, {"spacing_m": 1200.0, "located_probability": 0.9}, None),
+        (70.0, 474.0, {"per_view": 3}, None),
+        (70.0, 118.0, {}, None),  # ten patches
+        (40.0, 474.0, {}, None),  # the whole region
+        (70.0, 474.0, {"footprint_km": None}, None),
+    ],
+)
+def test_small_footprints_are_advised(
+    size_km: float,
+    gsd_m: float,
+    points: dict[str, Any],
+    said: tuple[float, ...] | None,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """A footprint of 40 km wants patches of 8 km, 32 cells of 250 m, points at a sixth of a patch, at least four cells, and a
+    search as far as `locate` looks for a place known to 1 km, more than half a patch. What is advised is not refused.
+    """
+    config = PointConfig(**{"footprint_km": 40.0} | points)
+    warn_of_small_footprint(Area(3.5, 26.0, size_km), config, gsd_m)
+    if said is None:
+        assert not caplog.messages
+        return
+    (text,) = caplog.messages
+    found = re.search(r"most (\S+) m, .*_m` (\S+) km .*_probability` (.+)\) .*_m` (\S+) km", text)
+    assert found is not None
+    assert tuple(map(float, found.groups())) == said
+    closer = replace(config, spacing_m=1e3 * said[1], search_m=1e3 * said[3])
+    closer.check_cells(said[0])
