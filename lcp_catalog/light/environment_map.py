@@ -104,8 +104,8 @@ def _decoded(path: Path | str) -> NDArray[Any] | None:
     """None for a file that OpenCV cannot read; OpenCV's own messages are suppressed."""
     import cv2  # noqa: PLC0415  # as in `resized`
 
-    logging = cv2.utils.logging
-    before = logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    logging = getattr(cv2.utils, "logging", cv2)  # the latter in OpenCV 4
+    before = logging.setLogLevel(0)  # silent
     try:
         found = cv2.imread(os.fspath(path), cv2.IMREAD_UNCHANGED)
         return None if found is None else np.asarray(found)

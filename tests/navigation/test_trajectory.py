@@ -52,7 +52,7 @@ def table(cameras: list[Camera], matrix: bool) -> str:
     lines = ["# made up", ",".join(["note", "z_m", "time_utc", "x_m", "y_m", *names]), ""]
     for one in cameras:
         turn = one.rotation_mcmf_to_camera
-        numbers = turn.ravel() if matrix else Rotation.from_matrix(turn).as_quat()
+        numbers = turn.ravel() if matrix else Rotation.from_matrix(np.array(turn)).as_quat()
         x, y, z = one.position_mcmf_m
         first, *rest = (repr(float(number)) for number in (z, x, y))
         turns = (repr(float(number)) for number in numbers)
