@@ -68,10 +68,10 @@ BUDGETS = {
     # 35: 3 coarser cells as a cure
     # 38: 1 endings of other programs
     # 33: 24 went, keys that were never released and helpers of one line
-    # 35: 5 the best elevation of a high Sun
+    # 35: 36 the best elevation, with the power of the brightness that fits best
     # 33: 14 went, one rule for the endings of outputs, one kernel for all levels of the pyramid of heights
     # 35: 20 advice for small footprints
-    "code lines, lcp_catalog": 49559,
+    "code lines, lcp_catalog": 49590,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue

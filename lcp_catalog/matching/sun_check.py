@@ -16,9 +16,9 @@ shift of the matches under a Sun that is as good is a position error common to a
 
 An azimuth that is wrong by half a turn makes two Suns fit equally, and neither is preferred. There the
 vertex of a parabola through the means of z under the stated and the two turned Suns says where the
-Sun is (`best_turn`): a smoother DEM lowers all three alike. The vertex over the elevation is lower than the
-Sun where the DEM lacks relief, by a figure that grows with the height of the Sun and with what the
-correlation lacks (`usual_raise_deg`). A vertex far from that is named, and refuses nothing.
+Sun is (`best_turn`): a smoother DEM lowers all three alike. A lower Sun bends the brightness of slopes, and so do film and
+decoding: the vertex over the elevation is taken with the image's brightness to the power with which the points correlate best
+(`_Tried.bent`). A vertex farther away than that of a right Sun (`RAISE_LIMITS_DEG`) is named, and refuses nothing.
 
 Thirteen and more searches are half of the time of a frame, and mostly the stated Sun is right beyond
 doubt. So a navigator first takes a glance (`MatchedPoints.glance`): `_GLANCE_POINTS` points, without a search, from the places
@@ -77,22 +77,16 @@ LEAST_TURN_DEG = 6.0
 _TURN_SIGMAS = 3.0
 
 LOWERED, RAISED = TURNS_DEG.index((0.0, -10.0)), TURNS_DEG.index((0.0, 10.0))
-_SMOOTH_DEG = 20.0
-_SMOOTH_FROM_DEG, _SMOOTH_OVER_DEG = 16.0, 10.0
-"""`usual_raise_deg`: fitted to 21 photographs with Suns of 6 to 40 deg, judged on 21 others."""
-RAISE_LIMITS_DEG = (-8.0, 3.5)
-"""Distance of the best elevation from the usual one, downwards and upwards, that is named: more than that of any of
-the photographs under the right Sun, whose sigmas are subtracted downwards."""
+RAISE_LIMITS_DEG = (-6.0, 3.5)
+"""Distance of the best elevation from the stated one, downwards and upwards, that is named: chosen on one half of 58 photographs
+(right Suns: -9.6 +- 4.6 to 3.2 deg, lowered by 10 deg: from 3.1 on below 45 deg, raised: up to -7.0), judged on the other.
+Downwards the sigma is subtracted: a DEM that lacks relief lowers the best elevation.
+"""
 _NEARLY_ALL = 0.88
 """Share of the points that correlate better under the lowered Sun, which is named: at most 0.85 did under the right Sun."""
-JUDGED_BELOW_DEG = 45.0
-"""Stated elevation above which the best one is only judged by `HIGH_RAISE_DEG`: of 16 maps under right Suns of 46 to 58 deg it is
-7 deg too low, with a scatter of 5 deg that is alike in maps of one ground.
-"""
-HIGH_RAISE_DEG, _HIGH_USUAL_DEG = -13.0, -6.0
-"""Least distance of the best elevation, less its sigma, from a right Sun above `JUDGED_BELOW_DEG`, and the usual distance: chosen
-on 8 of those maps, whose least is -12.1; that of the 8 others is -8.6.
-"""
+_POWER_STEP, _POWER_STEPS = 1.5, 3
+"""Factor between powers of the brightness tried, and most of them: 0.3 to 3.4, for sRGB taken as linear and the reverse."""
+_HIGHEST = 4.0  # log tan of 88.95 deg
 _SEEN_DEG = 15.0  # a vertex farther away lies beyond the Suns that were tried
 _REACH_PX = 3.0
 _MOST = 100
@@ -166,20 +160,17 @@ class SunCheck:
     @property
     def elevation_fits(self) -> bool:
         """False if the stated elevation is probably wrong: nearly all points prefer a Sun lowered by 10 deg, or the best
-        elevation is farther from the usual one than `RAISE_LIMITS_DEG`; for a Sun stated above `JUDGED_BELOW_DEG`, lower than
-        `HIGH_RAISE_DEG`. Nothing is judged for fewer than `_FEWEST` independent points.
+        elevation is farther from the stated one than `RAISE_LIMITS_DEG`. Nothing is judged for fewer than `_FEWEST`
+        independent points.
         """
         if math.isnan(self.elevation_deg) or self.independent < _FEWEST:
             return True
         if self.shares[LOWERED] > _NEARLY_ALL:
             return False
-        if self.elevation_deg >= JUDGED_BELOW_DEG:
-            return self.best_raise_deg + self.best_raise_sigma_deg >= HIGH_RAISE_DEG
         if not math.isfinite(self.best_raise_sigma_deg):  # better still beyond the Suns tried
             return max(self.shares[LOWERED], self.shares[RAISED]) <= 0.5
         low, high = RAISE_LIMITS_DEG
-        off = self.best_raise_deg - usual_raise_deg(self.elevation_deg, self.correlation)
-        return low - self.best_raise_sigma_deg <= off <= high
+        return low - self.best_raise_sigma_deg <= self.best_raise_deg <= high
 
     @property
     def elevation_advice(self) -> str:
@@ -188,16 +179,15 @@ class SunCheck:
             return ""
         best = LOWERED if self.shares[LOWERED] > self.shares[RAISED] else RAISED
         other = max(self.elevation_deg + self.turns_deg[best][1], LEAST_ELEVATION_DEG)
-        high = self.elevation_deg >= JUDGED_BELOW_DEG
-        smooth = usual_raise_deg(self.elevation_deg, self.correlation)
-        usual = self.elevation_deg + (_HIGH_USUAL_DEG if high else smooth)
+        low, high = RAISE_LIMITS_DEG
         seen = f"{'below' if best == LOWERED else 'above'} {other:.0f} deg"
         if math.isfinite(self.best_raise_sigma_deg) and abs(self.best_raise_deg) < _SEEN_DEG:
             vertex = self.elevation_deg + self.best_raise_deg
             seen = f"at {vertex:.0f} deg +- {self.best_raise_sigma_deg:.1f}"
         return (
             f"the Sun's elevation, {self.elevation_deg:.0f} deg, may be wrong: {self.points} points correlate best {seen}, "
-            f"not at {usual:.0f} deg as under a right one; {100.0 * self.shares[best]:.0f} % correlate better at {other:.0f} deg: "
+            f"under a right one within {low:+.0f} and {high:+.1f} deg; {100.0 * self.shares[best]:.0f} % "
+            f"correlate better at {other:.0f} deg: "
             "check the Sun and the time"
         )
 
@@ -336,7 +326,10 @@ def check_sun(
         gain = float(np.median(z - own_z))
         if _most_gain(z - own_z, _majority(own.independent)) and gain > most:
             best, most = replace(other, law=law.name, least_doubt_px=own.doubt_px), gain
-    return best
+    if turns_deg != TURNS_DEG:
+        return best
+    raised = tried.bent(model, glance).best_raise(model, rows, best.independent)
+    return replace(best, best_raise_deg=raised[0], best_raise_sigma_deg=raised[1])
 
 
 def _most_gain(gain: Array, majority: float = 0.5) -> bool:
@@ -385,7 +378,9 @@ class _Tried:
         z, medians = fisher_z(correlations), np.median(correlations, axis=1)
         gain = z[1:] - z[0]
         independent = max(1.0, len(rows) * independent_share)
-        turn, raised = (self._vertex(gain, axis, independent) for axis in (0, 1))
+        turn, raised = self._vertex(gain, independent), (0.0, math.inf)
+        if self.turns_deg == TURNS_DEG:
+            raised = self._rise(gain[[LOWERED, RAISED]], independent)
         check = SunCheck(
             points=len(rows),
             independent=independent,
@@ -403,13 +398,53 @@ class _Tried:
         )
         return check, _highest(z)
 
-    def _vertex(self, gain: Array, axis: int, independent: float) -> tuple[float, float]:
-        """`best_turn` of gains (m, n) over the azimuth (axis 0) or the elevation (1); none if those Suns were not tried."""
-        pairs = [
-            (k, turn[axis])
-            for k, turn in enumerate(self.turns_deg)
-            if turn[axis] and not turn[1 - axis]
-        ]
+    def bent(self, law: Reflectance, rows: Index) -> _Tried:
+        """The same with the image's brightness to the power with which the points ``rows`` correlate best under the stated Sun:
+        the vertex over the logarithm of powers `_POWER_STEP` apart.
+        """
+        known: dict[int, float] = {}
+
+        def mean_z(step: int) -> float:
+            if step not in known:
+                bent = replace(self, image=_to_power(self.image, _POWER_STEP**step))
+                known[step] = float(fisher_z(bent.under(law, rows, (AS_STATED,))[0]).mean())
+            return known[step]
+
+        best = max((0, -1, 1), key=mean_z)
+        on = best
+        while 0 < abs(best) < _POWER_STEPS and mean_z(best + on) > mean_z(best):
+            best += on
+        step = 0.0
+        if abs(best) < _POWER_STEPS:
+            back, ahead = (np.array([mean_z(best + k) - mean_z(best)]) for k in (-1, 1))
+            step = best_turn(back, ahead, 1.0, 1.0)[0]
+        return replace(self, image=_to_power(self.image, _POWER_STEP ** (best + step)))
+
+    def best_raise(self, law: Reflectance, rows: Index, independent: float) -> tuple[float, float]:
+        """Rise of the elevation to the best one, and its 1 sigma, degrees; infinite if there is none."""
+        suns = (AS_STATED, TURNS_DEG[LOWERED], TURNS_DEG[RAISED])
+        z = fisher_z(self.under(law, rows, suns)[0])
+        return self._rise(z[1:] - z[0], independent)
+
+    def _rise(self, gain: Array, independent: float) -> tuple[float, float]:
+        """`best_raise` of gains (2, n) under the lowered and the raised Sun: the parabola is one over log tan of the elevation,
+        because slopes are bright by its cotangent.
+        """
+        stated = self._elevation_deg()
+        if stated < 2.0 * LEAST_ELEVATION_DEG:  # hardly any Sun is lower
+            return 0.0, math.inf
+        least, most = LEAST_ELEVATION_DEG, 90.0 - LEAST_ELEVATION_DEG
+        tried = stated + np.array([0.0, TURNS_DEG[LOWERED][1], TURNS_DEG[RAISED][1]])
+        at, low, high = np.log(np.tan(np.radians(np.clip(tried, least, most))))
+        step, sigma = best_turn(gain[0], gain[1], high - at, independent, at - low)
+        if not math.isfinite(sigma):
+            return 0.0, math.inf
+        best = math.degrees(math.atan(math.exp(min(at + step, _HIGHEST))))
+        return best - stated, sigma * math.degrees(0.5 * math.sin(2.0 * math.radians(stated)))
+
+    def _vertex(self, gain: Array, independent: float) -> tuple[float, float]:
+        """`best_turn` of gains (m, n) over the azimuth; none if those Suns were not tried."""
+        pairs = [(k, turn) for k, (turn, up) in enumerate(self.turns_deg) if turn and not up]
         if len(pairs) != 2 or pairs[0][1] != -pairs[1][1]:
             return 0.0, math.inf
         (back, _), (ahead, step_deg) = pairs
@@ -424,29 +459,30 @@ class _Tried:
         )
 
 
-def usual_raise_deg(elevation_deg: float, correlation: float) -> float:
-    """Distance of the best elevation from the right one, as photographs have it on DEMs that are smoother than the ground:
-    ``correlation`` is the median under the stated Sun. 0 for a Sun below 16 deg, where shadows tell.
-    """
-    share = min(max((elevation_deg - _SMOOTH_FROM_DEG) / _SMOOTH_OVER_DEG, 0.0), 1.0)
-    return -_SMOOTH_DEG * share * (1.0 - correlation)
+def _to_power(image: Image, power: float) -> Image:
+    """The image, its brightness (negative: 0) to a power."""
+    if power == 1.0:
+        return image
+    signal = np.maximum(image.signal, 0.0)
+    return replace(image, signal=(signal ** np.float32(power)).astype(np.float32))
 
 
 def best_turn(
-    back: Array, ahead: Array, step_deg: float, independent: float
+    back: Array, ahead: Array, step_deg: float, independent: float, back_deg: float | None = None
 ) -> tuple[float, float]:
-    """Turn of the Sun's azimuth, or rise of its elevation, at the vertex of the parabola through mean gains in z, and its
-    1 sigma, degrees.
+    """Turn of the Sun's azimuth at the vertex of the parabola through mean gains in z, and its 1 sigma, degrees.
 
-    ``back``, ``ahead``: gains (n,) of the points under Suns turned by -``step_deg`` and ``step_deg``
+    ``back``, ``ahead``: gains (n,) of the points under Suns turned by -``back_deg`` (None: -``step_deg``) and ``step_deg``
     from the stated one, whose gain is 0. The sigma is that of the spread of the points, as if there
     were ``independent`` ones; infinite where the parabola has no maximum.
     """
-    slope, bend = ahead - back, ahead + back
+    behind = step_deg if back_deg is None else back_deg
+    bend = (ahead / step_deg + back / behind) / (step_deg + behind)
+    slope = ahead / step_deg - bend * step_deg
     if not bend.mean() < 0.0:
         return 0.0, math.inf
-    turn = -0.5 * step_deg * float(slope.mean() / bend.mean())
-    rest = 0.5 * step_deg * slope + turn * bend
+    turn = -0.5 * float(slope.mean() / bend.mean())
+    rest = 0.5 * slope + turn * bend
     return turn, float(rest.std() / -bend.mean()) / math.sqrt(independent)
 
 

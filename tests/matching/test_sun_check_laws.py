@@ -4,6 +4,8 @@ neither is mistaken for the other.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers import small_world
@@ -49,9 +51,9 @@ def rough(world, request) -> Image:
     return world.photo(oblique(request.param, 45.0), SUN, law=reflectance_model("hapke"))
 
 
-def checked(points, photo: Image, turn_deg: float = 0.0) -> SunCheck:
+def checked(points, photo: Image, turn_deg: float = 0.0, raise_deg: float = 0.0) -> SunCheck:
     rows = points_in_view(points, photo.sensor)
-    stated = with_sun(photo, points.position_mcmf[rows], turn_deg, 0.0)
+    stated = with_sun(photo, points.position_mcmf[rows], turn_deg, raise_deg)
     matched = MatchedPoints(points, stated, SEARCHED, rows, np.zeros((len(rows), 2)), Criteria())
     return matched.check()
 
@@ -84,3 +86,37 @@ def test_the_searchs_own_law_stays_where_it_is_right(points, world) -> None:
     photo = world.photo(overhead(), SUN, law=SEARCHED)
     assert (checked(points, photo).law, checked(points, photo).fits) == ("", True)
     assert not checked(points, photo, 20.0).fits
+
+
+@pytest.mark.parametrize("elevation_deg", [15.0, 30.0, 50.0])
+def test_a_bent_brightness_is_not_taken_for_an_elevation(
+    points, world, elevation_deg: float, monkeypatch
+) -> None:
+    """Brightness to the power of 1 / 2.2 and 2.2, as of a linear image taken for sRGB and the reverse."""
+    monkeypatch.setattr(sun_check, "LAWS", ())
+    plain = world.photo(overhead(), (100.0, elevation_deg), law=SEARCHED)
+    bent = [
+        replace(plain, signal=np.maximum(plain.signal, 0.0) ** np.float32(power))
+        for power in (1 / 2.2, 2.2)
+    ]
+    known = checked(points, plain)
+    assert known.elevation_fits
+    for photo in bent:
+        right = checked(points, photo)
+        assert right.elevation_fits
+        assert right.best_raise_deg == pytest.approx(known.best_raise_deg, abs=0.1)
+        assert not checked(points, photo, 0.0, -10.0).elevation_fits
+        assert not checked(points, photo, 0.0, 10.0).elevation_fits
+
+
+def test_without_its_power_the_brightness_moves_the_best_elevation(
+    points, world, monkeypatch
+) -> None:
+    monkeypatch.setattr(sun_check, "LAWS", ())
+    monkeypatch.setattr(sun_check._Tried, "bent", lambda tried, law, rows: tried)
+    plain = world.photo(overhead(), SUN, law=SEARCHED)
+    low, high = (
+        checked(points, replace(plain, signal=np.maximum(plain.signal, 0.0) ** np.float32(power)))
+        for power in (1 / 2.2, 2.2)
+    )
+    assert high.best_raise_deg - low.best_raise_deg > 4.0
