@@ -186,8 +186,8 @@ class SunCheck:
             seen = f"at {vertex:.0f} deg +- {self.best_raise_sigma_deg:.1f}"
         return (
             f"the Sun's elevation, {self.elevation_deg:.0f} deg, may be wrong: {self.points} points correlate best {seen}, "
-            f"under a right one within {low:+.0f} and {high:+.1f} deg; {100.0 * self.shares[best]:.0f} % "
-            f"correlate better at {other:.0f} deg: "
+            f"under a right Sun between {max(self.elevation_deg + low, 0.0):.0f} and {self.elevation_deg + high:.0f} deg; "
+            f"{100.0 * self.shares[best]:.0f} % correlate better at {other:.0f} deg: "
             "check the Sun and the time"
         )
 

@@ -315,8 +315,8 @@ def test_when_an_elevation_is_named(check: SunCheck, fits: bool) -> None:
 
 def test_the_advice_gives_the_elevations() -> None:
     assert elevated(20.0, 4.8).elevation_advice == (
-        "the Sun's elevation, 20 deg, may be wrong: 50 points correlate best at 25 deg +- 0.5, under a right one within -6 "
-        "and +3.5 deg; 40 % correlate better at 10 deg: check the Sun and the time"
+        "the Sun's elevation, 20 deg, may be wrong: 50 points correlate best at 25 deg +- 0.5, under a right Sun "
+        "between 14 and 24 deg; 40 % correlate better at 10 deg: check the Sun and the time"
     )
     assert (
         "correlate best below 20 deg, under" in elevated(30.0, 0.0, math.inf, 0.9).elevation_advice
