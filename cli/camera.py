@@ -61,7 +61,6 @@ def info(
 
     The exit code is 4 if anything looks wrong.
     """
-
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.navigation.camera_info import camera_info
 

@@ -51,7 +51,7 @@ def _highest(below, side, out):
             top = LOWEST
             for a in range(2 * i, min(2 * i + side, below.shape[0])):
                 for b in range(2 * j, min(2 * j + side, below.shape[1])):
-                    if below[a, b] > top:  # noqa: PLR1730  (False for NaN; max is not sure)
+                    if below[a, b] > top:  # noqa: PLR1730  NaN must not win: max(top, NaN) may be NaN
                         top = below[a, b]
             out[i, j] = top
     all_done(done, out.shape[0])
