@@ -314,7 +314,7 @@ class _JointSearch:
         if len(rows) < FEWEST:
             return None
 
-        def search(moved: Image, law: Reflectance, some: Index) -> tuple[Array, Array]:
+        def search(moved: Image, law: Reflectance, some: Index, _: float) -> tuple[Array, Array]:
             shift, z = _summit(self.z_maps(moved, rows[some], _SUN_PX, law))
             return np.tanh(np.nan_to_num(z)), np.tile(self.factor * shift, (len(some), 1))
 

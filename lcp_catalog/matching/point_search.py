@@ -5,7 +5,8 @@ found by correlation, placed to a fraction of a pixel with a covariance, and sea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -34,7 +35,7 @@ from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .matches import CODE, Matches, joined
 from .point_choice import LEAST_SIGMA_PX, NO_CLAIM, PointClaims, points_in_view
-from .templates import PlacedPatches, Templates, render_patches
+from .templates import PlacedPatches, Templates
 
 _FILL_PX = 33
 """Width of the first window whose mean of valid pixels fills missing ones."""
@@ -47,7 +48,7 @@ LEAST_LIKENESS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class SearchImage:
-    """``fine`` (rows, cols): the signal less its mean, gaps filled; ``weight`` (rows, cols) 0..1;
+    """``fine`` (rows, cols): the signal less its ``mean``, gaps filled; ``weight`` (rows, cols) 0..1;
     ``factor``: side of one of its pixels in pixels of the full-resolution image.
     """
 
@@ -55,6 +56,7 @@ class SearchImage:
     fine: Float32
     weight: Float32
     factor: int
+    mean: np.float32
 
     @classmethod
     def of(cls, image: Image) -> SearchImage:
@@ -63,11 +65,27 @@ class SearchImage:
         if not valid.any():
             raise ValueError(f"{image.name}: no pixel of it is valid")
         signal = np.where(valid, image.signal, np.float32(np.nan)).astype(np.float32)
-        signal -= np.float32(np.nanmean(signal, dtype=np.float64))
+        mean = np.float32(np.nanmean(signal, dtype=np.float64))
+        signal -= mean
         if not valid.all():
             signal = fill_missing(signal, _FILL_PX)
         weight = np.where(valid, image.weight, 0.0).astype(np.float32)
-        return cls(image, np.ascontiguousarray(signal), weight, image.sensor.factor)
+        return cls(image, np.ascontiguousarray(signal), weight, image.sensor.factor, mean)
+
+    def to_power(self, power: float, boxes: Iterable[tuple[slice, slice]]) -> SearchImage:
+        """The image, its brightness (negative: 0) to a power, in boxes of rows and columns; 0 elsewhere. As if the whole image
+        were prepared, except for the constant that is subtracted.
+        """
+        fine = np.zeros(self.fine.shape, np.float32)
+        level = max(self.mean, np.float32(0.0)) ** np.float32(power)
+        for rows, cols in boxes:
+            top, left = (max(side.start - _FILL_PX // 2, 0) for side in (rows, cols))
+            box = np.s_[top : rows.stop + _FILL_PX // 2, left : cols.stop + _FILL_PX // 2]
+            signal = np.where(self.weight[box] > 0.0, self.source.signal[box], np.float32(np.nan))
+            raised = fill_missing(np.maximum(signal, 0.0) ** np.float32(power) - level, _FILL_PX)
+            inner = raised[rows.start - top : rows.stop - top, cols.start - left : cols.stop - left]
+            fine[rows, cols] = inner
+        return replace(self, fine=fine)
 
     @cached_property
     def half(self) -> Float32:
@@ -129,6 +147,8 @@ _HALVED_FROM = 144
 """Least number of pixels of templates that are first searched at half resolution; smaller ones
 would lose too much.
 """
+_READ_PX = 4
+"""Pixels around a search area that are read at half resolution."""
 _INNER = 0.6
 """Share of a template's sides that is searched backwards."""
 _BACK_REACH = 0.2
@@ -259,53 +279,72 @@ def _match_chunk(
     task: _SearchTask, rows: Index, reach: Array, offset: Array, claims: PointClaims
 ) -> Matches:
     suns = task.image.source.sun_directions(task.catalog.position_mcmf[rows])
-    code = _unlit_unseen(task, rows, suns)
-    templates = render_patches(
-        task.catalog,
-        rows,
-        task.image.source.sensor,
-        suns,
-        task.model,
-        psf_sigma_px=task.criteria.psf_sigma_px,
-    )
+    placed = PlacedPatches.of(task.catalog, rows, task.image.source.sensor)
+    near = _near(task, placed, suns, reach, offset, True)
+    posterior = _judge_places(task, near, claims.probability)
+    back = _sought_back(task, near)
+    _mark(near.code, ~(back <= task.criteria.max_back_px), "not confirmed")
+    return _as_matches(task, near, back, claims, posterior)
+
+
+@dataclass(frozen=True, eq=False)
+class _Near:
+    """What a search near n expected places finds: ``found`` (n, `search.NUMBERS`) to a pixel, ``precise`` (n,
+    `subpixel_fit.NUMBERS`) from the pixels ``places`` (n, 2) on, ``code`` (n,) of the reasons against a point.
+    """
+
+    templates: Templates
+    found: Array
+    precise: Array
+    places: Index
+    code: Bytes
+
+    @property
+    def correlation(self) -> Array:
+        precise = self.precise[:, 2]
+        return np.where(np.isfinite(precise), precise, self.found[:, 2])
+
+    def found_px(self, factor: int) -> Array:
+        """Places (n, 2), full-resolution pixels; NaN where the fit did not converge."""
+        shift = self.precise[:, :2] + (self.places - self.templates.origin)
+        return full_pixels(self.templates.predicted_px + shift, factor)
+
+
+def _near(
+    task: _SearchTask, placed: PlacedPatches, suns: Array, reach: Array, offset: Array, whole: bool
+) -> _Near:
+    """Patches drawn under Suns (n, 3) and searched within ``reach`` (n,) of ``offset`` (n, 2) from where they are placed,
+    working pixels; ``whole``: with covariances.
+    """
+    code = _unlit_unseen(task, placed.point, suns)
+    spread_px = reduced_spread_px(task.criteria.psf_sigma_px, task.image.factor)
+    templates = placed.templates(suns, task.model, spread_px)
     _judge_templates(templates, task.criteria, code)
     start = templates.origin + np.round(offset).astype(np.int64)
     found = _sought(task, templates, start, reach, code)
     _judge_search(task, templates, start, found, code)
     sought = np.isfinite(found[:, 2]) & (code == 0)
     places = start + np.where(sought[:, None], found[:, :2], 0.0).astype(np.int64)
-    precise = _refined(task, templates, places, sought)
-    posterior = _judge_places(task, templates, found, precise, claims.probability, code)
-    back = _sought_back(task, templates, places, precise, code)
-    _mark(code, ~(back <= task.criteria.max_back_px), "not confirmed")
-    shift = precise[:, :2] + (places - templates.origin)
-    return _as_matches(task, templates, found, precise, shift, back, code, claims, posterior)
+    precise = _refined(task, templates, places, sought, whole)
+    return _Near(templates, found, precise, places, code)
 
 
 def _as_matches(
-    task: _SearchTask,
-    templates: Templates,
-    found: Array,
-    precise: Array,
-    shift: Array,
-    back: Array,
-    code: Bytes,
-    claims: PointClaims,
-    posterior: Array,
+    task: _SearchTask, near: _Near, back: Array, claims: PointClaims, posterior: Array
 ) -> Matches:
     """Results in pixels of the full-resolution image."""
     f = task.image.factor
-    covariance = precise[:, [3, 4, 4, 5]].reshape(-1, 2, 2)
+    covariance = near.precise[:, [3, 4, 4, 5]].reshape(-1, 2, 2)
     covariance = covariance + task.criteria.floor_px**2 * np.eye(2)
     return Matches(
-        templates.point,
-        full_pixels(templates.predicted_px, f),
-        full_pixels(templates.predicted_px + shift, f),
+        near.templates.point,
+        full_pixels(near.templates.predicted_px, f),
+        near.found_px(f),
         claims.of_matches(covariance) * f**2,
-        np.where(np.isfinite(precise[:, 2]), precise[:, 2], found[:, 2]),
-        found[:, 3],
+        near.correlation,
+        near.found[:, 3],
         back * f,
-        code,
+        near.code,
         claims.probability,
         posterior,
         claims.usable,
@@ -367,14 +406,16 @@ def _judge_search(
     _mark(code, ~np.isfinite(found[:, 2]), "no peak")
 
 
-def _refined(task: _SearchTask, templates: Templates, places: Index, sought: Mask) -> Array:
+def _refined(
+    task: _SearchTask, templates: Templates, places: Index, sought: Mask, whole: bool
+) -> Array:
     """Results (n, `subpixel_fit.NUMBERS`) of `subpixel_fit.refine` for the templates that were
-    searched.
+    searched; ``whole``: with covariances.
     """
     out = np.full((len(sought), subpixel_fit.NUMBERS), np.nan)
     drawing, starts = templates.drawing[sought], np.zeros((int(sought.sum()), 2))
     out[sought] = _fitted(
-        task.image, drawing, templates.sub, templates.sigma_px, places[sought], starts, whole=True
+        task.image, drawing, templates.sub, templates.sigma_px, places[sought], starts, whole=whole
     )
     return out
 
@@ -399,66 +440,82 @@ def _fitted(
 
 @dataclass(frozen=True, eq=False)
 class FoundPlaces:
-    """Points that were found in an image, to be compared with it under other Suns and reflectance laws: no search, only the
-    fit to a fraction of a pixel, from the place that is known.
+    """Points that were found in an image, to be compared with it under other Suns, reflectance laws and powers of its
+    brightness: only fitted to a fraction of a pixel, from the place that is known, or searched within ``reach_px`` of it.
     """
 
     image: SearchImage
     parts: tuple[PlacedPatches, ...]
-    offset_px: Array  # (n, 2) of the places from the predicted ones, searched pixels
-    psf_sigma_px: float
+    offset_px: tuple[
+        Array, ...
+    ]  # (n, 2) of a part's places from the predicted ones, searched pixels
+    criteria: Criteria
+    reach_px: float | None  # searched pixels; None: no search
 
     @classmethod
     def of(
-        cls, catalog: Catalog, image: Image, rows: Index, offset_px: Array, criteria: Criteria
+        cls,
+        catalog: Catalog,
+        image: SearchImage,
+        rows: Index,
+        offset_px: Array,
+        criteria: Criteria,
+        reach_px: float | None = None,
     ) -> FoundPlaces:
-        """Rows (n,) of the catalogue, found at ``offset_px`` (n, 2) from where the image's sensor projects them, pixels
+        """Rows (n,) of the catalogue, found at ``offset_px`` (n, 2) from where the image's sensor projects them; pixels
         of the full-resolution image.
         """
-        searched, count = SearchImage.of(image), _at_once(catalog, image, rows)
-        parts = tuple(
-            PlacedPatches.of(catalog, rows[k : k + count], image.sensor)
-            for k in range(0, len(rows), count)
-        )
-        spread_px = reduced_spread_px(criteria.psf_sigma_px, image.sensor.factor)
-        return cls(searched, parts, offset_px / searched.factor, spread_px)
+        count, factor = _at_once(catalog, image.source, rows), image.factor
+        some = [slice(k, k + count) for k in range(0, len(rows), count)]
+        parts = tuple(PlacedPatches.of(catalog, rows[k], image.source.sensor) for k in some)
+        offsets = tuple(offset_px[k] / factor for k in some)
+        return cls(image, parts, offsets, criteria, None if reach_px is None else reach_px / factor)
 
     def under(self, image: Image, law: Reflectance) -> tuple[Array, Array]:
-        """Correlations (n,), 0 where the fit does not converge, and places (n, 2), full-resolution pixels, in the
-        image with another Sun.
+        """Correlations (n,), 0 where a point is not found or the fit does not converge, and places (n, 2), full-resolution
+        pixels, in the image with another Sun.
         """
-        found, predicted, first = [], [], 0
-        for part in self.parts:
-            offset = self.offset_px[first : first + len(part.point)]
-            first += len(part.point)
-            whole = np.round(offset)
+        found = []
+        for part, offset in zip(self.parts, self.offset_px, strict=True):
             suns = image.sun_directions(part.catalog.position_mcmf[part.point])
-            places = part.origin + whole.astype(np.int64)
-            drawing = part.drawn(suns, law)
-            fit = _fitted(
-                self.image,
-                drawing,
-                part.sub,
-                self.psf_sigma_px,
-                places,
-                offset - whole,
-                whole=False,
-            )
-            found.append(fit[:, [2, 0, 1]] + np.pad(whole, ((0, 0), (1, 0))))
-            predicted.append(part.predicted_px)
-        fits = np.concatenate(found)
-        found_px = full_pixels(np.concatenate(predicted) + fits[:, 1:], self.image.factor)
-        return np.nan_to_num(fits[:, 0]), found_px
+            task = _SearchTask(part.catalog, self.image, law, self.criteria, whole_search=False)
+            if self.reach_px is None:
+                found.append(self._fitted(part, offset, part.drawn(suns, law)))
+                continue
+            reach = np.full(len(offset), self.reach_px)
+            near = _near(task, part, suns, reach, offset, False)
+            found.append((near.correlation, near.found_px(self.image.factor)))
+        correlations, places = (np.concatenate(values) for values in zip(*found, strict=True))
+        return np.nan_to_num(correlations), places
+
+    def _fitted(self, part: PlacedPatches, offset: Array, drawing: Float32) -> tuple[Array, Array]:
+        whole, factor = np.round(offset), self.image.factor
+        spread_px = reduced_spread_px(self.criteria.psf_sigma_px, factor)
+        places = part.origin + whole.astype(np.int64)
+        fit = _fitted(self.image, drawing, part.sub, spread_px, places, offset - whole, whole=False)
+        return fit[:, 2], full_pixels(part.predicted_px + fit[:, :2] + whole, factor)
+
+    def to_power(self, power: float) -> FoundPlaces:
+        """The same in the image with its brightness (negative: 0) to a power: of the pixels that are read."""
+        margin = math.ceil(self.reach_px or 0.0) + _READ_PX
+        parts = zip(self.parts, self.offset_px, strict=True)
+        boxes = [
+            np.s_[
+                max(row - margin, 0) : row + p.shape[0] + margin,
+                max(col - margin, 0) : col + p.shape[1] + margin,
+            ]
+            for p, offset in parts
+            for col, row in p.origin + np.round(offset).astype(np.int64)
+        ]
+        return replace(self, image=self.image.to_power(power, boxes))
 
 
-def _judge_places(
-    task: _SearchTask, templates: Templates, found: Array, precise: Array, prior: Array, code: Bytes
-) -> Array:
+def _judge_places(task: _SearchTask, near: _Near, prior: Array) -> Array:
     """Probability (n,) that a place found is the true one; NaN where none was found."""
+    templates, found, precise, code = near.templates, near.found, near.precise, near.code
     correlation = precise[:, 2]
     settled = np.isfinite(precise).all(axis=1)
-    highest = np.where(np.isfinite(correlation), correlation, found[:, 2])
-    _mark(code, ~(highest >= task.criteria.min_correlation), "weak")
+    _mark(code, ~(near.correlation >= task.criteria.min_correlation), "weak")
     _mark(code, ~settled, "no exact place")
     rival = settled & np.isfinite(found[:, 3])
     chance = np.where(settled, 0.0, np.nan)
@@ -477,19 +534,17 @@ def _judge_places(
     return 1.0 - chance
 
 
-def _sought_back(
-    task: _SearchTask, templates: Templates, places: Index, precise: Array, code: Bytes
-) -> Array:
+def _sought_back(task: _SearchTask, near: _Near) -> Array:
     """Distance (n,), working pixels, from each point to where the backward search ends; NaN if it
     was not found.
     """
-    back = np.full(len(code), np.nan)
-    good = code == 0
+    templates, precise, good = near.templates, near.precise, near.code == 0
+    back = np.full(len(good), np.nan)
     found = np.full((int(good.sum()), 3), np.nan)
     reach = max(2, int(_BACK_REACH * max(templates.shape)))
     find_backwards(
         templates.values[good], templates.mask[good], task.image.fine, task.image.weight,
-        places[good], _INNER, reach, _BACK_COVER, found,
+        near.places[good], _INNER, reach, _BACK_COVER, found,
     )  # fmt: skip
     back[good] = np.hypot(*(found[:, :2] + precise[good, :2]).T)
     return back

@@ -31,6 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -40,7 +41,7 @@ from ..choices import DEFAULT_LAW, REFERENCE_LAW
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
 from .point_choice import evenly
-from .point_search import Criteria, FoundPlaces, find_points
+from .point_search import Criteria, FoundPlaces, SearchImage
 
 TURNS_DEG = ((-20.0, 0.0), (20.0, 0.0), (0.0, -10.0), (0.0, 10.0))
 """Suns that are tried: change of azimuth (clockwise) and of elevation."""
@@ -229,10 +230,10 @@ class SunCheck:
         )
 
 
-Search = Callable[[Image, Reflectance, Index], tuple[Array, Array]]
+Search = Callable[[Image, Reflectance, Index, float], tuple[Array, Array]]
 """A search for n points near their known matches. Arguments: an image with its Sun, a reflectance
-law, and rows (k,) of the n points. Returns correlations (k,) and places (k, 2) in pixels. A point
-that is not found has the correlation 0 and a NaN place.
+law, rows (k,) of the n points, and the power to which the image's brightness (negative: 0) is searched. Returns correlations
+(k,) and places (k, 2) in pixels. A point that is not found has the correlation 0 and a NaN place.
 """
 
 
@@ -256,18 +257,17 @@ class MatchedPoints:
         turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
     ) -> SunCheck:
         """`check_sun` by points that are searched one by one, each within ``reach_px`` of its match."""
+        known: dict[tuple[bytes, float], FoundPlaces] = {}
 
-        def search(moved: Image, law: Reflectance, some: Index) -> tuple[Array, Array]:
-            found = find_points(
-                self.catalog,
-                moved,
-                law,
-                reach_px,
-                points=self.rows[some],
-                offset_px=self.offset_px[some],
-                criteria=self.criteria,
-            )
-            return np.nan_to_num(found.correlation), found.found_px  # a point in the dark: NaN
+        def search(
+            moved: Image, law: Reflectance, some: Index, power: float
+        ) -> tuple[Array, Array]:
+            key = some.tobytes()
+            if (key, 1.0) not in known:
+                known[key, 1.0] = self._found(some, reach_px)
+            if (key, power) not in known:
+                known[key, power] = known[key, 1.0].to_power(power)
+            return known[key, power].under(moved, law)
 
         ground = self.catalog.position_mcmf[self.rows]
         return check_sun(search, self.image, ground, self.model, independent_share, turns_deg)
@@ -281,13 +281,13 @@ class MatchedPoints:
         some = evenly(np.arange(len(self.rows)), _GLANCE_POINTS)
         if len(some) < _GLANCE_POINTS:
             return None
-        rows = self.rows[some]
-        found = FoundPlaces.of(self.catalog, self.image, rows, self.offset_px[some], self.criteria)
+        found = self._found(some)
 
-        def search(moved: Image, law: Reflectance, _: Index) -> tuple[Array, Array]:
+        def search(moved: Image, law: Reflectance, *_: object) -> tuple[Array, Array]:
             return found.under(moved, law)
 
-        tried = _Tried(search, self.image, self.catalog.position_mcmf[rows], TURNS_DEG)
+        ground = self.catalog.position_mcmf[self.rows[some]]
+        tried = _Tried(search, self.image, ground, TURNS_DEG)
         others = [law for law in map(reflectance_model, LAWS) if law.name != self.model.name]
         checks, share = [], independent_share(some)
         for law in (self.model, *others):
@@ -295,6 +295,16 @@ class MatchedPoints:
             if not checks[-1].is_sure:
                 return None
         return checks[0]
+
+    @cached_property
+    def _searched(self) -> SearchImage:
+        return SearchImage.of(self.image)
+
+    def _found(self, some: Index, reach_px: float | None = None) -> FoundPlaces:
+        rows, offset_px = self.rows[some], self.offset_px[some]
+        return FoundPlaces.of(
+            self.catalog, self._searched, rows, offset_px, self.criteria, reach_px
+        )
 
 
 def check_sun(
@@ -352,6 +362,7 @@ class _Tried:
     image: Image
     ground_mcmf_m: Array  # (n, 3)
     turns_deg: tuple[tuple[float, float], ...]  # (m)
+    power: float = 1.0
 
     def under(
         self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
@@ -359,7 +370,7 @@ class _Tried:
         """Correlations (m, k) and places (m, k, 2) under m Suns."""
         ground = self.ground_mcmf_m[rows]
         found = [
-            self.search(with_sun(self.image, ground, turned, raised), law, rows)
+            self.search(with_sun(self.image, ground, turned, raised), law, rows, self.power)
             for turned, raised in turns_deg
         ]
         return np.array([f[0] for f in found]), np.array([f[1] for f in found])
@@ -406,7 +417,7 @@ class _Tried:
 
         def mean_z(step: int) -> float:
             if step not in known:
-                bent = replace(self, image=_to_power(self.image, _POWER_STEP**step))
+                bent = replace(self, power=_POWER_STEP**step)
                 known[step] = float(fisher_z(bent.under(law, rows, (AS_STATED,))[0]).mean())
             return known[step]
 
@@ -418,7 +429,7 @@ class _Tried:
         if abs(best) < _POWER_STEPS:
             back, ahead = (np.array([mean_z(best + k) - mean_z(best)]) for k in (-1, 1))
             step = best_turn(back, ahead, 1.0, 1.0)[0]
-        return replace(self, image=_to_power(self.image, _POWER_STEP ** (best + step)))
+        return replace(self, power=_POWER_STEP ** (best + step))
 
     def best_raise(self, law: Reflectance, rows: Index, independent: float) -> tuple[float, float]:
         """Rise of the elevation to the best one, and its 1 sigma, degrees; infinite if there is none."""
@@ -457,14 +468,6 @@ class _Tried:
         return math.degrees(
             math.asin(float(np.clip(sun @ middle / np.linalg.norm(middle), -1.0, 1.0)))
         )
-
-
-def _to_power(image: Image, power: float) -> Image:
-    """The image, its brightness (negative: 0) to a power."""
-    if power == 1.0:
-        return image
-    signal = np.maximum(image.signal, 0.0)
-    return replace(image, signal=(signal ** np.float32(power)).astype(np.float32))
 
 
 def best_turn(

@@ -207,21 +207,8 @@ def render_patches(
     catalog, sensor = opened_catalog(catalog), any_sensor(sensor)
     placed = PlacedPatches.of(catalog, np.asarray(index, dtype=np.int64), sensor)
     suns = directions_to_sun(sensor, catalog.position_mcmf[placed.point], sun_directions)
-    drawing = placed.drawn(suns, law_of(model) or DEFAULT_MODEL)
-    values = np.empty((len(drawing), *placed.shape), np.float32)
-    mask = np.empty(values.shape, np.bool_)
     spread_px = reduced_spread_px(float(psf_sigma_px), sensor.factor)
-    point_spread.templates(drawing, placed.sub, spread_px, float(least_cover), values, mask)
-    return Templates(
-        placed.point,
-        placed.predicted_px,
-        placed.origin,
-        values,
-        mask,
-        drawing,
-        placed.sub,
-        spread_px,
-    )
+    return placed.templates(suns, law_of(model) or DEFAULT_MODEL, spread_px, least_cover)
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,6 +257,20 @@ class PlacedPatches:
         )  # fmt: skip
         drawing[~self.seen] = np.nan
         return drawing
+
+    def templates(
+        self, suns: Array, law: Reflectance, spread_px: float, least_cover: float = LEAST_COVER
+    ) -> Templates:
+        """Renders under Suns (n, 3), unit MCMF vectors, with a point spread of ``spread_px`` (1 sigma) in the sensor's
+        own pixels.
+        """
+        drawing = self.drawn(suns, law)
+        values = np.empty((len(drawing), *self.shape), np.float32)
+        mask = np.empty(values.shape, np.bool_)
+        point_spread.templates(drawing, self.sub, spread_px, float(least_cover), values, mask)
+        return Templates(
+            self.point, self.predicted_px, self.origin, values, mask, drawing, self.sub, spread_px
+        )
 
 
 def _placed(pixels: Array, towards: Array) -> tuple[Array, Mask, Index, tuple[int, int]]:

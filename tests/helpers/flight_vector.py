@@ -79,7 +79,7 @@ def match(
     found = _sought(task, shown, shown.origin, np.array([float(reach)]), np.zeros(1, np.uint8))
     known = np.isfinite(found[:, 2])
     shift = np.where(known[:, None], found[:, :2], 0.0).astype(np.int64)
-    precise = _refined(task, shown, shown.origin + shift, known)
+    precise = _refined(task, shown, shown.origin + shift, known, True)
     code = np.zeros(1, np.uint8)
     _judge_templates(shown, task.criteria, code)
     _judge_search(task, shown, shown.origin, found, code)

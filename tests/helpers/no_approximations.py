@@ -138,7 +138,7 @@ NO_APPROXIMATIONS = {
         "_STEPS _STILL _SUB _SURE_SHARE _TELLS _TURN_SIGMAS _UP "
         "_WIDEST_PX _WIDEST_PX "
         # 2 to 4: passes that end when nothing moves, what is tried first
-        "SIDEWAYS_DEG _GLANCE _PASSES _ROUGH _SUN_PX"
+        "SIDEWAYS_DEG _GLANCE _PASSES _READ_PX _ROUGH _SUN_PX"
     ),
     "cameras": (
         # limits of files, steps of iterations that end at a tolerance, what a warning says, blocks

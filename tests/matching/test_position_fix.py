@@ -25,7 +25,7 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.matches import CODE, REASONS
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
-from lcp_catalog.matching.point_search import Criteria, FoundPlaces, find_points
+from lcp_catalog.matching.point_search import Criteria, FoundPlaces, SearchImage, find_points
 from lcp_catalog.matching.pose import jacobian, position_error
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
@@ -474,13 +474,48 @@ def test_a_glance_finds_what_a_search_finds(points: Catalog, photo: Image) -> No
     rows = points_in_view(points, photo.sensor)[::3]
     found = find_points(points, photo, LAW, 8.0, points=rows)
     rows, off = rows[found.found], (found.found_px - found.predicted_px)[found.found]
-    known = FoundPlaces.of(points, photo, rows, off, Criteria())
+    known = FoundPlaces.of(points, SearchImage.of(photo), rows, off, Criteria())
     for turn, up in ((0.0, 0.0), (20.0, 0.0), (0.0, 10.0)):
         moved = with_sun(photo, points.position_mcmf[rows], turn, up)
         correlation, place = known.under(moved, LAW)
         again = find_points(points, moved, LAW, 3.0, points=rows, offset_px=off)
         np.testing.assert_allclose(correlation, again.correlation, atol=2e-4)
         np.testing.assert_allclose(place, again.found_px, atol=0.02)
+
+
+def torn(photo: Image) -> Image:
+    """The image with a gap of 5 x 5 pixels in every 30 x 30, one in two of NaN."""
+    signal, weight = photo.signal.copy(), photo.weight.copy()
+    rows, cols = np.indices(signal.shape) // 30
+    gap = (np.indices(signal.shape) % 30 < 5).all(axis=0)
+    signal[gap & ((rows + cols) % 2 == 0)] = np.nan
+    weight[gap] = 0.0
+    return replace(photo, signal=signal, weight=weight)
+
+
+def test_places_are_searched_again_as_all_points_are(points: Catalog, photo: Image) -> None:
+    """Under other Suns, one of them low, bit by bit; with the brightness to a power as in an
+    image of that power, gaps filled alike, to rounding.
+    """
+    photo = torn(photo)
+    rows = points_in_view(points, photo.sensor)[::3]
+    off = np.random.default_rng(2).normal(0.0, 1.0, (len(rows), 2))
+    known = FoundPlaces.of(points, SearchImage.of(photo), rows, off, Criteria(), 1.0)
+    for turn, up in ((0.0, 0.0), (20.0, 0.0), (0.0, -60.0)):
+        moved = with_sun(photo, points.position_mcmf[rows], turn, up)
+        again = find_points(points, moved, LAW, 1.0, points=rows, offset_px=off)
+        correlation, place = known.under(moved, LAW)
+        np.testing.assert_array_equal(correlation, np.nan_to_num(again.correlation))
+        np.testing.assert_array_equal(place, again.found_px)
+        assert np.isnan(again.correlation).any()  # at the edge, or in the dark
+        assert np.isfinite(again.correlation).any()
+    for power in (0.45, 2.2):
+        signal = np.maximum(photo.signal, 0.0) ** np.float32(power)
+        bent = replace(photo, signal=signal.astype(np.float32))
+        again = find_points(points, bent, LAW, 1.0, points=rows, offset_px=off)
+        correlation, place = known.to_power(power).under(photo, LAW)
+        np.testing.assert_allclose(correlation, np.nan_to_num(again.correlation), atol=1e-6)
+        np.testing.assert_allclose(place, again.found_px, atol=1e-4)
 
 
 def test_a_preferred_sun_is_a_doubt_about_the_place(

@@ -41,6 +41,26 @@ def test_gaps_hold_what_lies_around_them_and_weigh_nothing() -> None:
     assert abs(float(image.fine[~gone].mean())) < 1e-3
 
 
+@pytest.mark.parametrize("power", [0.45, 2.2])
+def test_a_power_of_the_brightness_is_that_of_its_image(power: float) -> None:
+    """In boxes, two of them across the border: up to a constant as the image that is raised whole; gaps lie across the
+    edges of one. Elsewhere nothing is computed.
+    """
+    signal = np.random.default_rng(3).uniform(-0.1, 1.0, (150, 150))
+    signal[50:60, 70:80] = signal[85:95, 35:45] = signal[5:9, 5:9] = np.nan
+    photo = made(signal)
+    raised = np.maximum(photo.signal.astype(float), 0.0) ** power
+    whole, image = SearchImage.of(made(raised)), SearchImage.of(photo)
+    boxes = [np.s_[55:90, 40:76], np.s_[0:30, 0:20], np.s_[140:160, 100:170]]
+    bent, read = image.to_power(power, boxes), np.zeros(signal.shape, bool)
+    for box in boxes:
+        off = bent.fine[box] - whole.fine[box]
+        np.testing.assert_allclose(off, off[0, 0], atol=1e-6)
+        read[box] = True
+    assert not bent.fine[~read].any()
+    np.testing.assert_array_equal(bent.weight, whole.weight)
+
+
 def test_half_resolution_is_the_mean_of_blocks() -> None:
     rng = np.random.default_rng(0)
     signal, weight = rng.normal(size=(21, 21)), rng.random((21, 21))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -161,19 +162,22 @@ class Listener:
         self.answers = list(zip(correlations, places, strict=True))
         self.asked: list[dict] = []
 
-    def __call__(self, catalog, photo, model, reach_px, *, points, offset_px, criteria):
-        self.asked.append(
-            {"photo": photo, "reach": reach_px, "points": points, "offset": offset_px}
-            | {"criteria": criteria}
+    def of(self, catalog, image, rows, offset_px, criteria, reach_px=None):
+        """Points that are found: what is asked of them."""
+        known = {"reach": reach_px, "points": rows, "offset": offset_px, "criteria": criteria}
+        return SimpleNamespace(
+            under=partial(self.under, known),
+            to_power=lambda _: self.of(catalog, image, rows, offset_px, criteria, reach_px),
         )
-        row = len(self.asked) - 1
+
+    def under(self, known, photo, law):
+        self.asked.append(known | {"photo": photo})
+        row, count = len(self.asked) - 1, len(known["points"])
         if row >= len(self.answers):
             sun = HERE.direction_from_mcmf(photo.sun_directions(HERE.origin_mcmf_m))
             row = {30: 0, 20: 3, 40: 4}[round(float(azimuth_elevation(sun)[1]))]
         correlation, place = self.answers[row]
-        return SimpleNamespace(
-            correlation=correlation[: len(points)], found_px=place[: len(points)]
-        )
+        return correlation[:count], place[:count]
 
 
 @pytest.fixture
@@ -185,7 +189,7 @@ def hills():
 
 def listened(monkeypatch, hills, correlations, places, count, **how):
     listener = Listener(correlations, places)
-    monkeypatch.setattr("lcp_catalog.matching.sun_check.find_points", listener)
+    monkeypatch.setattr("lcp_catalog.matching.sun_check.FoundPlaces", listener)
     monkeypatch.setattr("lcp_catalog.matching.sun_check.LAWS", ())  # other laws: test_light_laws
     camera = above_it()
     rng = np.random.default_rng(1)
@@ -204,8 +208,8 @@ def test_every_point_is_asked_under_every_sun(monkeypatch, hills) -> None:
     rng = np.random.default_rng(0)
     correlations = rng.uniform(0.3, 0.95, (5, 41))
     correlations[2] = np.minimum(correlations[0] + rng.normal(0.02, 0.03, 41), 0.99)
-    correlations[3, 5:12] = np.nan
-    correlations[0, 7] = np.nan
+    correlations[3, 5:12] = 0.0
+    correlations[0, 7] = 0.0
     places = rng.uniform(0.0, 100.0, (1, 41, 2)) + rng.normal(0.0, 0.3, (5, 41, 2))
     places[3] += [4.0, -3.0]
     places[3, 5:12] = np.nan
@@ -222,11 +226,10 @@ def test_every_point_is_asked_under_every_sun(monkeypatch, hills) -> None:
         sun = HERE.direction_from_mcmf(asked["photo"].sun_directions(HERE.origin_mcmf_m))
         azimuth, elevation = azimuth_elevation(sun)
         assert (float(azimuth), float(elevation)) == pytest.approx((100.0 + turn, 30.0 + up), abs=1e-6)  # fmt: skip
-    dark = np.where(np.isnan(correlations), 0.0, correlations)
     assert (found.points, found.independent) == (41, 20.5)
-    assert found.correlation == np.median(dark[0])
-    assert found.correlations == pytest.approx([np.median(row) for row in dark[1:]])
-    z = 0.5 * np.log((1.0 + dark) / (1.0 - dark))
+    assert found.correlation == np.median(correlations[0])
+    assert found.correlations == pytest.approx([np.median(row) for row in correlations[1:]])
+    z = 0.5 * np.log((1.0 + correlations) / (1.0 - correlations))
     gain = z[1:] - z[0]
     assert found.gains == pytest.approx([np.median(row) for row in gain])
     assert found.shares == pytest.approx([(row > 0.0).mean() for row in gain])
