@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array, Bytes, Index, Mask
-from ..constants import SOLAR_RADIUS_RAD, SUBSOLAR_LATITUDE_MAX_DEG
+from ..ephemeris.solar_position import can_stand
 from .prediction import BETWEEN_MARGIN, BEYOND_MARGIN
 from .schema import DETECTION_STEP
 
@@ -123,12 +123,8 @@ class SunCells:
         on = np.where(turns[cells[1]][:, None] > 0.0, ons, 0.0)
         elevation = np.radians(self.elevation[cells[0]][:, None] + up * rises[cells[0]][:, None])
         azimuth = np.radians(self.azimuth[cells[1]][:, None] + on * turns[cells[1]][:, None])
-        lat = math.radians(lat_deg)
-        sine = math.sin(lat) * np.sin(elevation)
-        sine += math.cos(lat) * np.cos(elevation) * np.cos(azimuth)
-        limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
         weight = np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on])
-        return weight, np.asarray(np.abs(sine) <= limit)
+        return weight, can_stand(lat_deg, azimuth, elevation)
 
 
 @dataclass(frozen=True)

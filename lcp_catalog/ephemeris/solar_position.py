@@ -294,8 +294,21 @@ def reachable_suns(
     radius). SunError for a latitude or elevations that are invalid.
     """
     lowest, highest = declination_range(lat_deg, azimuths_deg, elevations_deg)
-    limit = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
-    return np.asarray((lowest <= limit) & (highest >= -limit))
+    return np.asarray((lowest <= _HIGHEST_EDGE) & (highest >= -_HIGHEST_EDGE))
+
+
+def can_stand(lat_deg: float, azimuth_rad: Array, elevation_rad: Array) -> NDArray[np.bool_]:
+    """True for directions, radians, arrays that broadcast, in which the Sun can occur at a latitude: their declination is
+    within +-(1.59 deg + solar radius).
+    """
+    lat = math.radians(lat_deg)
+    sine = math.sin(lat) * np.sin(elevation_rad)
+    sine += math.cos(lat) * np.cos(elevation_rad) * np.cos(azimuth_rad)
+    return np.asarray(np.abs(sine) <= _HIGHEST_EDGE)
+
+
+_HIGHEST_EDGE = math.sin(math.radians(SUBSOLAR_LATITUDE_MAX_DEG) + SOLAR_RADIUS_RAD)
+"""Greatest sine of the declination of the disc's edge."""
 
 
 def highest_sun_deg(lat_deg: float) -> float:
