@@ -189,15 +189,15 @@ class PromisedPlaces:
         reach_m = _reach_m(region, at)
         if reach_m > 0.4 * footprint_m:
             raise ConfigError(
-                f"`points.footprint_km` of {footprint_m / 1e3:g} km is too small for this region: the "
-                f"promise needs at least {math.ceil(reach_m / 400.0)} km (or a smaller region, or `points.per_view` 0)"
+                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this region: "
+                f"the promise needs at least {math.ceil(reach_m / 400.0)} km (or a smaller region, or `points.per_view` 0)"
             )
         share = _shares(region, at, footprint_m / 2.0)
         promised = np.floor(demand * share + 1e-9).astype(np.uint8)
         if points.footprint_km is not None and not promised.any():
             raise ConfigError(
-                f"`points.footprint_km` of {points.footprint_km:g} km is too large for this region: nothing could be "
-                "promised in any footprint; give a smaller `points.footprint_km`, or a larger region"
+                f"the ground that a frame sees, {points.footprint_km:g} km wide (`points.footprint_km`), is too large for this "
+                "region: nothing could be promised in any footprint; give a smaller `points.footprint_km`, or a larger region"
             )
         return cls(at, promised, footprint_m, footprint_m / 2.0 - reach_m)
 

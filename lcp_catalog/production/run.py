@@ -126,7 +126,6 @@ class Build:
         dems = DemSet.open(dem_paths, config.dem.product_order)
         dems.require_surface()
         inputs.add(dems.files)
-        is_stated = config.points.footprint_km is not None
         if seen is not None:
             config = for_images(config, seen, dems)
         region = config.area.region or Area.from_bounds(*dems.bounds)
@@ -140,18 +139,10 @@ class Build:
         chosen = cells(config, dems, region)
         dems.require_patch(config.points.patch_nodes, chosen[0].gsd_m)
         recipe = Recipe.of(config.at_cell(chosen[0].gsd_m), dems, region, inputs)
-        try:
-            levels = tuple(
-                Level.plan(
-                    recipe.at_cell(cell.gsd_m), cell, memory_gb, k if len(chosen) > 1 else None
-                )
-                for k, cell in enumerate(chosen)
-            )
-        except ConfigError as error:
-            if error.field != "points.footprint_km" or is_stated or not seen:
-                raise
-            text = str(error).replace(f"`{error.field}`", "the camera's footprint", 1)
-            raise ConfigError(text) from error
+        levels = tuple(
+            Level.plan(recipe.at_cell(cell.gsd_m), cell, memory_gb, k if len(chosen) > 1 else None)
+            for k, cell in enumerate(chosen)
+        )
         share = None if seen is None else seen.claimed_share(config.view)
         build = cls(levels, inputs, share)
         _require_sunlight([job.task for job in build.jobs], config)

@@ -259,7 +259,8 @@ def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
 @pytest.mark.slow
 def test_what_cannot_be_promised_is_refused() -> None:
     with pytest.raises(
-        ConfigError, match=r"footprint_km` of 0\.5 km is too small .* at least \d+ km"
+        ConfigError,
+        match=r"sees, 0\.5 km wide \(`points.footprint_km`\), is too small .* at least \d+ km",
     ):
         PromisedPlaces.of(Area(10.0, 0.0, 1000.0), PointConfig(footprint_km=0.5), 100.0, 960, 8)
     for wrong in ({"per_view": -1}, {"footprint_km": 0.0}, {"max_points": 0}, {"max_bytes": 0}):
