@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from lcp_catalog.choices import BOUNCES, ENCODINGS, VALIDATION_LAW
+from lcp_catalog.choices import ENCODINGS, VALIDATION_LAW
 
 from . import options
 from .build_options import field_option, image_model
@@ -30,14 +30,6 @@ def _written(folder: str) -> Iterator[Path]:
     from lcp_catalog.validation.output import FILES
 
     yield from (Path(folder, name) for name in FILES)
-
-
-def _check_light_of_patches(disc: bool | None, bounce: str) -> None:
-    """UsageError for light that only renders of a DEM have."""
-    if disc is not None:
-        raise click.UsageError("--sun needs --dem: it is the Sun of the DEM's renders")
-    if bounce != BOUNCES[2]:
-        raise click.UsageError("--bounce needs --dem: it is light of the DEM's renders")
 
 
 @click.command(
@@ -189,16 +181,15 @@ def command(
     not met.
     """
     light.check_sun(sun, disc)
-    if not dems:
-        _check_light_of_patches(disc, bounce)
     from lcp_catalog.atomic_files import check_folder
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.validation.output import FILES, errors_files, write_validation
-    from lcp_catalog.validation.public import image_files, validate
+    from lcp_catalog.validation.public import check_light, image_files, validate
     from lcp_catalog.validation.requirement import Requirement
     from lcp_catalog.validation.result import summary_lines
 
-    image_files(images, cameras or None)  # refused before kernels are compiled
+    check_light(dems, disc, bounce)  # refused before kernels are compiled
+    image_files(images, cameras or None)
     wanted = None if require is None else Requirement.parse(require)
     if wanted and wanted.needs_known_pose and not known_pose:
         raise click.UsageError(

@@ -189,8 +189,8 @@ class PromisedPlaces:
         reach_m = _reach_m(region, at)
         if reach_m > 0.4 * footprint_m:
             raise ConfigError(
-                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this region: "
-                f"the promise needs at least {math.ceil(reach_m / 400.0)} km (or a smaller region, or `points.per_view` 0)"
+                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this "
+                f"region: the promise needs at least {math.ceil(reach_m / 400.0)} km (or a smaller region, or `points.per_view` 0)"
             )
         share = _shares(region, at, footprint_m / 2.0)
         promised = np.floor(demand * share + 1e-9).astype(np.uint8)

@@ -10,7 +10,7 @@ import numpy as np
 from ..accuracy import accuracy as accuracy_of
 from ..atomic_files import check_folder
 from ..cameras.sensor import Uncertainty
-from ..choices import ENCODINGS, VALIDATION_LAW
+from ..choices import BOUNCES, ENCODINGS, VALIDATION_LAW
 from ..dem.public import Dems, dem_paths
 from ..errors import ConfigError
 from ..images.image_file import ImageOptions
@@ -36,7 +36,7 @@ def validate(
     known_pose: bool = False,
     sun: SunStated = None,
     disc: bool | None = None,
-    bounce: str = "off",
+    bounce: str = BOUNCES[2],
     environment: Environment | Path | str | None = None,
     dem: Dems = (),
     gsd_m: float | None = None,
@@ -119,7 +119,8 @@ def validate(
     CatalogError, DemError, ImageError, CameraError, SunError
         For files that cannot be read; errors of one image are its result, unless all fail.
     ConfigError
-        For other numbers of images and cameras, and for an image that stands twice with one camera.
+        For other numbers of images and cameras, for an image that stands twice with one camera, and for ``disc`` or
+        ``bounce`` without ``dem``.
 
     Examples
     --------
@@ -128,6 +129,7 @@ def validate(
     >>> image["image"], image["points_in_view"] > 0
     ('AS15-M-0414.png', True)
     """
+    check_light(dem, disc, bounce)
     folder = None if output is None else Path(output)
     if folder is not None:
         check_folder(folder, FILES, overwrite)
@@ -157,6 +159,13 @@ def validate(
     if folder is not None:
         write_validation(result, folder, overwrite)
     return result
+
+
+def check_light(dem: Dems, disc: bool | None, bounce: str) -> None:
+    """ConfigError for light that only renders of DEMs have, without one; arguments as `validate`."""
+    for name, is_stated in (("disc", disc is not None), ("bounce", bounce != BOUNCES[2])):
+        if is_stated and not dem_paths(dem):
+            raise ConfigError(f"`{name}` needs `dem`: only renders of a DEM have this light")
 
 
 def image_files(

@@ -273,7 +273,7 @@ def test_the_log_is_ours_alone(capfd: pytest.CaptureFixture[str]) -> None:
 def test_the_sun_model_of_a_validation_is_that_of_the_renders(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["validate", "c.h5", __file__, "-o", str(tmp_path / "out")]
+    words = ["validate", __file__, __file__, "-o", str(tmp_path / "out")]
     for name, value in (("--sun", "disc"), ("--bounce", "on")):
         assert run([*words, name, value]) == 2
         assert f"{name} needs --dem" in capsys.readouterr().err
