@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -95,17 +94,21 @@ def command(
     if dems and height_m < 0.0:
         raise click.UsageError("--height must not be negative with --dem")
 
-    from lcp_catalog.ephemeris.solar_position import remarks
     from lcp_catalog.light.sun_visibility import sun_at
 
     table = sun_at(place, when, height_m=height_m, dem=dems or None, gsd_m=gsd_m)
-    notes = remarks(table)
     if output is not None:
-        _write(output, overwrite, _csv(table, notes))
+        from lcp_catalog.atomic_files import write_aside
+
+        with (
+            write_aside(output, overwrite) as aside,
+            aside.open("w", encoding="utf-8", newline="\n") as file,
+        ):
+            file.writelines(table.csv_lines())
     if as_json:
-        _say(_json(table, notes))
+        _say(table.json_lines())
     elif output is None:
-        _say(_text(table, notes))
+        _say(_text(table))
 
 
 def _place_of(
@@ -117,12 +120,6 @@ def _place_of(
     if center is None and lon is not None and lat is not None:
         return lon, lat
     raise click.UsageError("give the place once: --center LON LAT, or --lon DEG and --lat DEG")
-
-
-def _columns(table: SunTable) -> dict[str, tuple[str, int, int | None]]:
-    """Columns of `COLUMNS` that a table has."""
-    there = ("time_utc", *table.figures)
-    return {key: column for key, column in COLUMNS.items() if key in there}
 
 
 def range_of(span: tuple[str, str, float]) -> Instants:
@@ -137,24 +134,17 @@ def range_of(span: tuple[str, str, float]) -> Instants:
         raise click.UsageError(f"--range: {error}") from error
 
 
-def _place(table: SunTable) -> str:
-    place = table.place
-    return (
-        f"the Sun over longitude {place.lon_deg:.10g}, latitude {place.lat_deg:.10g} deg, "
-        f"{place.height_m:.10g} m above the sphere"
-    )
-
-
-def _text(table: SunTable, notes: list[str]) -> Iterator[str]:
-    yield from (f"# {line}" for line in (_place(table), *notes))
-    columns = _columns(table)
-    yield " ".join(_cell(head, width) for head, width, _ in columns.values())
+def _text(table: SunTable) -> Iterator[str]:
+    yield from (f"# {line}\n" for line in (table.title, *table.remarks()))
+    there = ("time_utc", *table.figures)
+    columns = {key: column for key, column in COLUMNS.items() if key in there}
+    yield " ".join(_cell(head, width) for head, width, _ in columns.values()) + "\n"
     for record in table.records():
         figures = (
             _cell(record[key] if digits is None else f"{record[key]:.{digits}f}", width)
             for key, (_, width, digits) in columns.items()
         )
-        yield " ".join(figures)
+        yield " ".join(figures) + "\n"
 
 
 def _cell(text: Any, width: int) -> str:
@@ -162,52 +152,7 @@ def _cell(text: Any, width: int) -> str:
     return f"{text:<{-width}}" if width < 0 else f"{text:>{width}}"
 
 
-def _csv(table: SunTable, notes: list[str]) -> Iterator[str]:
-    yield from (f"# {line}" for line in (_place(table), *notes))
-    columns = _columns(table)
-    yield ",".join(columns)
-    for record in table.records():
-        yield ",".join(str(record[key]) for key in columns)
-
-
-def _json(table: SunTable, notes: list[str]) -> Iterator[str]:
-    """Lines of the JSON document, so that a million instants need no second copy."""
-    from lcp_catalog.constants import FRAME
-    from lcp_catalog.ephemeris.solar_position import DIRECTION_ERROR_DEG, azimuth_zero_lon
-
-    head: dict[str, Any] = {
-        "frame": FRAME,
-        "direction_error_deg": DIRECTION_ERROR_DEG,
-        "lon": table.place.lon_deg,
-        "lat": table.place.lat_deg,
-        "height_m": table.place.height_m,
-        "azimuth_zero_lon": azimuth_zero_lon(table.place),
-        "remarks": notes,
-    }
-    yield json.dumps(head, indent=2).removesuffix("\n}") + ","
-    yield '  "suns": ['
-    for index, record in enumerate(table.records(), 1):
-        yield "    " + json.dumps(record) + ("," if index < len(table) else "")
-    yield "  ]\n}"
-
-
-def _blocks(lines: Iterable[str]) -> Iterator[str]:
-    """Blocks of lines: one write per line would be slow for a million lines."""
-    rest = iter(lines)
-    while block := list(islice(rest, LINES_AT_ONCE)):
-        yield "\n".join(block) + "\n"
-
-
-def _say(lines: Iterable[str]) -> None:
-    for block in _blocks(lines):
-        echo(block, nl=False)
-
-
-def _write(output: str, overwrite: bool, lines: Iterable[str]) -> None:
-    from lcp_catalog.atomic_files import write_aside
-
-    with (
-        write_aside(output, overwrite) as aside,
-        aside.open("w", encoding="utf-8", newline="\n") as file,
-    ):
-        file.writelines(_blocks(lines))
+def _say(lines: Iterator[str]) -> None:
+    """Print in blocks of lines: one write per line would be slow for a million lines."""
+    while block := list(islice(lines, LINES_AT_ONCE)):
+        echo("".join(block), nl=False)

@@ -15,6 +15,7 @@ Sun directions that can occur at a latitude.
 from __future__ import annotations
 
 import datetime as dt
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -199,6 +200,64 @@ class SunTable:
         for row in zip(*columns, strict=True):
             yield dict(zip(("time_utc", *self.figures), row, strict=True))
 
+    @property
+    def title(self) -> str:
+        """The place, in words."""
+        place = self.place
+        return (
+            f"the Sun over longitude {place.lon_deg:.10g}, latitude {place.lat_deg:.10g} deg, "
+            f"{place.height_m:.10g} m above the sphere"
+        )
+
+    def remarks(self) -> list[str]:
+        """Notes for readers of the values: frame, error and conventions; one line each."""
+        lines = [
+            f"frame {FRAME}, approximated by the IAU series of the Moon's rotation; directions are "
+            f"accurate to {DIRECTION_ERROR_DEG:g} deg, {ERROR_YEARS[0]}-{ERROR_YEARS[1]}",
+            "apparent Sun: light time, aberration and parallax are included; times are UTC",
+            "azimuth clockwise from north; elevation of the disc's centre; share: of the disc's light "
+            "above the horizontal plane, without terrain",
+        ]
+        if self.terrain_share is not None:
+            lines.append(
+                "horizon: elevation of the terrain below the disc's centre; lit: share of its light "
+                "above the terrain"
+            )
+        zero = azimuth_zero_lon(self.place)
+        if zero is not None:
+            lines.append(f"at the pole azimuth 0 points along the meridian {zero:.10g} deg east")
+        first, last = self.instants.years()
+        if first < ERROR_YEARS[0] or last > ERROR_YEARS[1]:
+            lines.append(
+                f"some instants lie outside {ERROR_YEARS[0]}-{ERROR_YEARS[1]}: the error is not known "
+                "for them"
+            )
+        return lines
+
+    def csv_lines(self) -> Iterator[str]:
+        """Lines of a CSV table of `records`, after `title` and `remarks` as comments."""
+        yield from (f"# {line}\n" for line in (self.title, *self.remarks()))
+        yield ",".join(("time_utc", *self.figures)) + "\n"
+        for record in self.records():
+            yield ",".join(map(str, record.values())) + "\n"
+
+    def json_lines(self) -> Iterator[str]:
+        """Lines of a JSON document, so that a million instants need no second copy."""
+        head = {
+            "frame": FRAME,
+            "direction_error_deg": DIRECTION_ERROR_DEG,
+            "lon": self.place.lon_deg,
+            "lat": self.place.lat_deg,
+            "height_m": self.place.height_m,
+            "azimuth_zero_lon": azimuth_zero_lon(self.place),
+            "remarks": self.remarks(),
+        }
+        yield json.dumps(head, indent=2).removesuffix("\n}") + ",\n"
+        yield '  "suns": [\n'
+        for index, record in enumerate(self.records(), 1):
+            yield "    " + json.dumps(record) + (",\n" if index < len(self) else "\n")
+        yield "  ]\n}\n"
+
 
 FIGURES = (
     "azimuth_deg",
@@ -244,32 +303,6 @@ def azimuth_zero_lon(place: EnuFrame) -> float | None:
     if abs(place.lat_deg) < 90.0:
         return None
     return turned_deg(place.lon_deg + (180.0 if place.lat_deg > 0.0 else 0.0))
-
-
-def remarks(table: SunTable) -> list[str]:
-    """Notes for readers of the values: frame, error and conventions; one line each."""
-    lines = [
-        f"frame {FRAME}, approximated by the IAU series of the Moon's rotation; directions are "
-        f"accurate to {DIRECTION_ERROR_DEG:g} deg, {ERROR_YEARS[0]}-{ERROR_YEARS[1]}",
-        "apparent Sun: light time, aberration and parallax are included; times are UTC",
-        "azimuth clockwise from north; elevation of the disc's centre; share: of the disc's light "
-        "above the horizontal plane, without terrain",
-    ]
-    if table.terrain_share is not None:
-        lines.append(
-            "horizon: elevation of the terrain below the disc's centre; lit: share of its light "
-            "above the terrain"
-        )
-    zero = azimuth_zero_lon(table.place)
-    if zero is not None:
-        lines.append(f"at the pole azimuth 0 points along the meridian {zero:.10g} deg east")
-    first, last = table.instants.years()
-    if first < ERROR_YEARS[0] or last > ERROR_YEARS[1]:
-        lines.append(
-            f"some instants lie outside {ERROR_YEARS[0]}-{ERROR_YEARS[1]}: the error is not known "
-            "for them"
-        )
-    return lines
 
 
 def _columns(place: EnuFrame, when: Instants) -> Array:

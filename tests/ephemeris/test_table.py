@@ -136,7 +136,7 @@ def test_azimuth_at_the_poles(lon):
         )
         close = sun_table.sun_table(EnuFrame(lon, lat * (1 - 1e-9)), time)
         assert close.azimuth_deg[0] == pytest.approx(found.azimuth_deg[0], abs=1e-5)
-        assert any(f"meridian {zero:.10g} deg" in line for line in sun_table.remarks(found))
+        assert any(f"meridian {zero:.10g} deg" in line for line in found.remarks())
         assert sun_table.azimuth_zero_lon(EnuFrame(lon, lat * (1 - 1e-9))) is None
 
 
@@ -168,6 +168,6 @@ def test_records_are_rounded_within_the_circle():
 
 def test_remark_for_years_without_a_stated_error():
     for time, said in (("1989-12-31", True), ("1990-01-01", False), ("2051-01-01", True)):
-        lines = sun_table.remarks(sun_table.sun_table(EnuFrame(0, 0), time))
+        lines = sun_table.sun_table(EnuFrame(0, 0), time).remarks()
         assert any("outside 1990-2050" in line for line in lines) == said
         assert lines[0].startswith("frame MOON_ME, approximated by the IAU series")
