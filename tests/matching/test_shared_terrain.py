@@ -43,12 +43,16 @@ def test_the_share_is_that_of_counted_nodes(cells: tuple[float, ...]) -> None:
     matrix[found.first, found.second] = matrix[found.second, found.first] = found.share
     np.testing.assert_allclose(matrix, expected, atol=0.06)
     assert len(found.share) == (np.triu(matrix, 1) > 0.0).sum()  # each pair once
+    apart = abs(places[:, None] - places).max(axis=-1)
+    assert np.array_equal(matrix > 0.0, apart < 8.0 * (gsd[rows, None] + gsd[rows]))
     assert ((expected > 0.02) & ~np.eye(40, dtype=bool)).sum() > 40
-    some = np.array([31, 3, 17, 8, 22, 5, 11])
-    part = found.some(some)
-    smaller = np.eye(7)
-    smaller[part.first, part.second] = smaller[part.second, part.first] = part.share
-    np.testing.assert_array_equal(smaller, matrix[np.ix_(some, some)])
+    for first in range(7):  # each of them is the first of the part once
+        some = np.roll([31, 3, 17, 8, 22, 5, 11], first)
+        part = found.some(some)
+        assert part.count == 7
+        smaller = np.eye(7)
+        smaller[part.first, part.second] = smaller[part.second, part.first] = part.share
+        np.testing.assert_array_equal(smaller, matrix[np.ix_(some, some)])
 
 
 def test_the_squares_have_the_axes_of_the_points() -> None:
