@@ -38,6 +38,8 @@ import numpy as np
 from ..arrays import Array, Index
 from ..catalog.catalogue import Catalog
 from ..choices import DEFAULT_LAW, REFERENCE_LAW
+from ..ephemeris.solar_position import direction_from_angles
+from ..geometry.frames import Direction, EnuFrame, mcmf_to_lonlat
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
 from .point_choice import evenly
@@ -364,6 +366,11 @@ class _Tried:
     turns_deg: tuple[tuple[float, float], ...]  # (m)
     power: float = 1.0
 
+    @cached_property
+    def _stated(self) -> Direction:
+        """The stated Sun in the middle of the points."""
+        return _sun_over(self.image, self.ground_mcmf_m)[1]
+
     def under(
         self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
     ) -> tuple[Array, Array]:
@@ -403,7 +410,7 @@ class _Tried:
             shifts_px=tuple(_common_shift(moved - places[0]) for moved in places[1:]),
             best_turn_deg=turn[0],
             best_turn_sigma_deg=turn[1],
-            elevation_deg=self._elevation_deg() if self.turns_deg == TURNS_DEG else math.nan,
+            elevation_deg=self._stated.elevation_deg if self.turns_deg == TURNS_DEG else math.nan,
             best_raise_deg=raised[0],
             best_raise_sigma_deg=raised[1],
         )
@@ -441,7 +448,7 @@ class _Tried:
         """`best_raise` of gains (2, n) under the lowered and the raised Sun: the parabola is one over log tan of the elevation,
         because slopes are bright by its cotangent.
         """
-        stated = self._elevation_deg()
+        stated = self._stated.elevation_deg
         if stated < 2.0 * LEAST_ELEVATION_DEG:  # hardly any Sun is lower
             return 0.0, math.inf
         least, most = LEAST_ELEVATION_DEG, 90.0 - LEAST_ELEVATION_DEG
@@ -460,14 +467,6 @@ class _Tried:
             return 0.0, math.inf
         (back, _), (ahead, step_deg) = pairs
         return best_turn(gain[back], gain[ahead], step_deg, independent)
-
-    def _elevation_deg(self) -> float:
-        """Elevation of the stated Sun in the middle of the points."""
-        middle = self.ground_mcmf_m.mean(axis=0)
-        sun = self.image.sun_directions(middle)
-        return math.degrees(
-            math.asin(float(np.clip(sun @ middle / np.linalg.norm(middle), -1.0, 1.0)))
-        )
 
 
 def best_turn(
@@ -513,15 +512,16 @@ def with_sun(image: Image, ground_mcmf_m: Array, turn_deg: float, raise_deg: flo
     """
     if not (turn_deg or raise_deg) or not len(ground_mcmf_m):
         return image
-    middle = np.asarray(ground_mcmf_m).mean(axis=0)
-    up = middle / np.linalg.norm(middle)
-    sun = image.sun_directions(middle)
-    height = math.asin(float(np.clip(sun @ up, -1.0, 1.0)))
-    level = sun - (sun @ up) * up
-    level /= np.linalg.norm(level)
-    turn = math.radians(turn_deg)
-    level = math.cos(turn) * level - math.sin(turn) * np.cross(up, level)
-    low, high = math.radians(LEAST_ELEVATION_DEG), math.radians(90.0 - LEAST_ELEVATION_DEG)
-    height = min(max(height + math.radians(raise_deg), low), high)
-    direction = math.cos(height) * level + math.sin(height) * up
+    frame, sun = _sun_over(image, ground_mcmf_m)
+    least, most = LEAST_ELEVATION_DEG, 90.0 - LEAST_ELEVATION_DEG
+    elevation_deg = min(max(sun.elevation_deg + raise_deg, least), most)
+    direction = direction_from_angles(frame, sun.azimuth_deg + turn_deg, elevation_deg)
     return replace(image, sun_position_mcmf_m=None, sun_direction_mcmf=direction)
+
+
+def _sun_over(image: Image, ground_mcmf_m: Array) -> tuple[EnuFrame, Direction]:
+    """The frame at the middle of ground points (n, 3), and the Sun of an image in it."""
+    middle = ground_mcmf_m.mean(axis=0)
+    lon, lat, _ = mcmf_to_lonlat(middle)
+    frame = EnuFrame(float(lon), float(lat))
+    return frame, Direction.from_mcmf(image.sun_directions(middle), frame)
