@@ -81,7 +81,7 @@ coverage: $(READY) ## the fast tests with the share of lines that they run
 
 mutants: $(READY) ## mutation testing
 	$(INSTALL) --group mutants
-	$(BIN)/mutmut run
+	NUMBA_THREADING_LAYER=workqueue $(BIN)/mutmut run  # each mutant is a fork, which OpenMP ends
 	$(BIN)/mutmut results
 
 help: ## this list

@@ -254,6 +254,9 @@ def test_harris_is_that_of_the_plain_tensor():
     found = harris_response(patches.astype(np.float32))
     np.testing.assert_allclose(found[:2], expected, rtol=1e-4)
     assert np.isnan(found[2:]).all()
+    assert found.dtype == np.float32
+    twice = harris_response(patches[:1].astype(np.float32), np.array([2.0 * patch.mean()]))
+    np.testing.assert_allclose(twice, expected / 2.0**4, rtol=1e-4)  # by the level that is given
 
 
 def test_many_patches_give_the_results_of_each_alone():
@@ -302,6 +305,14 @@ def test_levels_divide_patches_and_sources():
     )  # fmt: skip
     for name in ("contrast", "noise_variance", "along", "shift_loss", "covariance_px2", "own"):
         np.testing.assert_allclose(getattr(other, name), getattr(one, name), rtol=2e-5)
+
+
+def test_the_pixels_that_a_search_compares_are_those_given():
+    patches = np.stack([Texture(seed)() for seed in range(2)])
+    given = np.array([40.0, 12.0])
+    found = registration(patches, even(patches), WHITE, CELL_M, pixels=given)
+    np.testing.assert_array_equal(found.pixels, given)
+    assert found.bias.shape == (2, 2)
 
 
 def test_a_selection_of_patches_is_that_of_all_figures():
