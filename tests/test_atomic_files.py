@@ -21,7 +21,7 @@ from lcp_catalog.atomic_files import (
     write_aside,
     write_bytes,
 )
-from lcp_catalog.errors import OutputError, OutputExistsError
+from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
 
 
 def names(folder):
@@ -402,3 +402,10 @@ def test_a_failed_folder_leaves_nothing_and_keeps_the_old(tmp_path, error):
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(OutputExistsError), folder_aside(tmp_path / "file"):
         pass
+
+
+@pytest.mark.parametrize("name", ["o.tif", "O.TIF", "o.tiff", "o.x.TifF"])
+def test_an_ending_is_known_in_capitals_and_in_another_spelling(name):
+    assert atomic_files.ending_of(name, (".h5", ".tif")) == ".tif"
+    with pytest.raises(ConfigError, match=r"must end in \.h5 or \.png$"):
+        atomic_files.ending_of(name, (".h5", ".png"))

@@ -98,6 +98,7 @@ WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] =
     "a page of text": (lambda c: c.report("r.txt"), ConfigError, "r.txt: the output must end in .html"),
     "a page without an ending": (lambda c: c.report("r"), ConfigError, "r: the output must end in .html"),
     "a render as a picture": (lambda c: lcp.render(catalogs.HADLEY, "r.png", sun=(90, 20)), ConfigError, "r.png: the output must end in .tif"),
+    "points in an unknown format": (lambda c: c.export("p.xyz"), ConfigError, "p.xyz: the output must end in .csv or .parquet or "),
     "a merge as a table": (lambda c: lcp.merge([c, c], "m.csv"), ConfigError, "m.csv: the output must end in .h5 or .lcpx"),
     "the solar disc without a DEM": (lambda c: lcp.validate("c.h5", "a.png", disc=True), ConfigError, "`disc` needs `dem`: only renders of a DEM have this light"),
     "a point as the Sun without a DEM": (lambda c: lcp.validate("c.h5", "a.png", disc=False), ConfigError, "`disc` needs `dem`: only renders of a DEM have this light"),
