@@ -134,42 +134,6 @@ class Yield:
         return self.kept / max(1, self.conditions)
 
 
-Measure = Callable[["BuildConfig"], Yield]
-"""Makes the catalogue of a configuration."""
-
-
-def warn_of_few(
-    build: Build, output: Path, measure: Measure, limit_s: float, spent_s: float
-) -> None:
-    """Log a warning about a catalogue without points, with its cells by cause, or one that keeps little of its promise;
-    then what helps, with its effect and its price.
-
-    ``measure``: makes small builds, for at most ``limit_s``; ``spent_s``: processor time of the whole build, 0: unknown.
-    """
-    catalog = stored_catalog(StoredFile.of(output))
-    promise = kept_promise(catalog) if len(catalog) else None
-    if promise is not None and promise["kept_share"] < _KEPT:
-        causes = promise["causes"]
-        told = ", ".join(f"{why} {100.0 * share:.0f} %" for why, share in causes.items())
-        log.warning(
-            "%s: the promise is kept in %.0f %% of places, views and Suns (else %s)",
-            output,
-            100.0 * promise["kept_share"],
-            told,
-        )
-    elif not len(catalog):
-        status = np.asarray(catalog.coverage.status)
-        counts = {cause: int((status == code).sum()) for code, cause in COVERAGE_STATUS.items()}
-        causes = {name: count for name, count in counts.items() if name in _HELP}
-        told = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
-        log.warning("%s: holds no point; cells by cause: %s", output, told or "none")
-    else:
-        return
-    if causes and max(causes.values()):
-        trial = Trial(build, measure, limit_s, spent_s)
-        log.warning("%s: %s", output, trial.advice(causes, _failing(catalog)))
-
-
 def warn_of_small_footprint(region: Area, points: PointConfig, gsd_m: float) -> None:
     """Log what locates more frames of a stated footprint that is smaller than the region and holds few patches."""
     x0, x1, y0, y1 = region.extent_m
@@ -193,19 +157,14 @@ def _failing(catalog: Catalog) -> list[tuple[float, float]]:
     """Longitudes and latitudes of two places, by chance of those with heights where least is found."""
     told = catalog.promise if len(catalog) else None
     if told is None:
-        status, lon, lat = (
-            np.asarray(getattr(catalog.coverage, name))
-            for name in ("status", "longitude", "latitude")
-        )
-        rows = np.flatnonzero(status != _NODATA)
+        rows = np.flatnonzero(np.asarray(catalog.coverage.status) != _NODATA)
     else:
-        cause, lon, lat = (
-            np.asarray(getattr(told, name)) for name in ("cause", "longitude", "latitude")
-        )
+        cause = np.asarray(told.cause)
         lacking = ((cause > Cause.NODATA) & (cause != NO_CELL)).mean(axis=(1, 2, 3))
         rows = np.flatnonzero(lacking >= max(np.median(lacking), 1e-9))
-    dice = np.random.default_rng(_SEED)
-    chosen = dice.choice(rows, min(_PLACES, len(rows)), replace=False)
+    places = catalog.coverage if told is None else told
+    lon, lat = np.asarray(places.longitude), np.asarray(places.latitude)
+    chosen = np.random.default_rng(_SEED).choice(rows, min(_PLACES, len(rows)), replace=False)
     return [(float(lon[k]), float(lat[k])) for k in chosen]
 
 
@@ -214,12 +173,41 @@ _NODATA = next(code for code, cause in COVERAGE_STATUS.items() if cause == "noda
 
 @dataclass(frozen=True)
 class Trial:
-    """Changes of a build that are tried on small parts of its region; fields as `warn_of_few`."""
+    """Changes of a build that are tried on small parts of its region.
+
+    ``measure``: makes small builds, for at most ``limit_s``; ``spent_s``: processor time of the whole build, 0: unknown.
+    """
 
     build: Build
-    measure: Measure
+    measure: Callable[[BuildConfig], Yield]
     limit_s: float
     spent_s: float
+
+    def warn(self, output: Path) -> None:
+        """Log a warning about a catalogue without points, with its cells by cause, or one that keeps little of its promise;
+        then what helps, with its effect and its price.
+        """
+        catalog = stored_catalog(StoredFile.of(output))
+        promise = kept_promise(catalog) if len(catalog) else None
+        if promise is not None and promise["kept_share"] < _KEPT:
+            causes = promise["causes"]
+            told = ", ".join(f"{why} {100.0 * share:.0f} %" for why, share in causes.items())
+            log.warning(
+                "%s: the promise is kept in %.0f %% of places, views and Suns (else %s)",
+                output,
+                100.0 * promise["kept_share"],
+                told,
+            )
+        elif not len(catalog):
+            status = np.asarray(catalog.coverage.status)
+            counts = {cause: int((status == code).sum()) for code, cause in COVERAGE_STATUS.items()}
+            causes = {name: count for name, count in counts.items() if name in _HELP}
+            told = ", ".join(f"{count} {cause}" for cause, count in counts.items() if count)
+            log.warning("%s: holds no point; cells by cause: %s", output, told or "none")
+        else:
+            return
+        if causes and max(causes.values()):
+            log.warning("%s: %s", output, self.advice(causes, _failing(catalog)))
 
     def advice(self, causes: Mapping[str, float], places: Sequence[tuple[float, float]]) -> str:
         """What helps against causes (by name, the share of each) at places, or why nothing does."""

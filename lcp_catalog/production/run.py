@@ -42,7 +42,7 @@ from .camera_views import Seen, for_images
 from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
 from .config import BuildConfig
-from .cures import TRY_S, Yield, warn_of_few, warn_of_small_footprint
+from .cures import TRY_S, Trial, Yield, warn_of_small_footprint
 from .executor import SharedWorkers, run_tasks
 from .finished_area import FinishedArea, finished_area
 from .kept_ground import KEPT_MB, KeptGrounds
@@ -440,7 +440,7 @@ class BuildRun:
             limit_s = self.try_cures_s
             if limit_s is None:
                 limit_s = min(TRY_S, spent_s or TRY_S)
-            warn_of_few(self.build, self.output, self._small, limit_s, spent_s)
+            Trial(self.build, self._small, limit_s, spent_s).warn(self.output)
         areas = len(self.build.jobs) - len(failed)
         return BuildReport(points, areas, failed, tuple(self.build.files))
 
