@@ -67,17 +67,12 @@ def offsets_of(reach_px: float) -> int:
     return (2 * math.ceil(reach_px) + 1) ** 2
 
 
-def ground_shows(
-    probability: ArrayLike,
-    offsets: int,
-    independent: float = 1.0,
-    common_variance: float = COMMON_VARIANCE,
-) -> Array:
+def ground_shows(probability: ArrayLike, offsets: int, independent: float = 1.0) -> Array:
     """Probabilities (15,), at the nodes of the common factor, that the votes of n points with the claims (n,), above 0 and
     below 1, for their true offset, one of so many, are significant; ``independent``: the share of the points that share no
     ground.
     """
-    given = VoteTable(tuple(np.asarray(probability, np.float64)), offsets, common_variance)
+    given = VoteTable(tuple(np.asarray(probability, np.float64)), offsets)
     shown = given.shows(np.ones((1, len(given.probability))), np.array([independent]))
     return np.asarray(shown[0])
 

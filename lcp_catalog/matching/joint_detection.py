@@ -49,7 +49,8 @@ from .point_choice import at_one_scale, patch_width_px, reduction
 from .position_fix import USUAL, Options
 from .search_area import search_reach_px, slack_px
 
-DEFAULTS = Options()
+OPTIONS = Options()
+"""How `locate` searches."""
 
 
 def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIANCE) -> Array:
@@ -118,19 +119,18 @@ def joint_detection(
     probability: Array,
     covariance_px2: Array,
     uncertainty: Uncertainty = USUAL,
-    options: Options = DEFAULTS,
 ) -> JointDetection:
     """Joint detection of the points ``rows`` (n,) in view of a sensor with the claimed ``probability`` (n,) and
     the covariances (n, 2, 2) of their matches, pixels of the sensor's image; ``uncertainty``: what is known of the sensor
     when the points are searched for. `locate` looks for the points of one scale, at most `Options.most_first`.
     """
     some = np.isin(rows, at_one_scale(catalog, rows, sensor))
-    order = np.argsort(-probability[some], kind="stable")[: options.most_first]
+    order = np.argsort(-probability[some], kind="stable")[: OPTIONS.most_first]
     chosen = np.flatnonzero(some)[order]
     if not len(chosen):
         return JointDetection(0.0, at_least_found([]), 1, 0.0)
     p = probability[chosen]
-    search = _Search(catalog, rows[chosen], sensor, p, uncertainty, options)
+    search = _Search(catalog, rows[chosen], sensor, p, uncertainty)
     needed, tails = search.needed(covariance_px2[chosen]), _tails(_probits(p))
     by_points = tails[:, needed] if needed <= len(p) else np.zeros(len(NODES))
     located = float(WEIGHTS @ np.maximum(by_points, search.ground_shows()))
@@ -147,7 +147,6 @@ class _Search:
     sensor: Sensor
     probability: Array  # (n,)
     uncertainty: Uncertainty
-    options: Options
 
     @cached_property
     def factor(self) -> int:
@@ -170,9 +169,8 @@ class _Search:
 
     @cached_property
     def reach_px(self) -> Array:
-        options = self.options
-        reach = search_reach_px(self.sensor, self.places, self.uncertainty, options.sigmas)
-        least, most = options.least_reach_px * self.factor, options.most_reach_px * self.factor
+        reach = search_reach_px(self.sensor, self.places, self.uncertainty, OPTIONS.sigmas)
+        least, most = OPTIONS.least_reach_px * self.factor, OPTIONS.most_reach_px * self.factor
         return np.asarray(np.clip(reach, least, most))
 
     def needed(self, covariance_px2: Array) -> int:
@@ -181,7 +179,7 @@ class _Search:
         order of their chances to agree by accident.
         """
         probability, count_all = self.probability, len(self.rows)
-        tolerance = self.options.tolerance_px * self.factor
+        tolerance = OPTIONS.tolerance_px * self.factor
         chance = by_chance(widened(covariance_px2, tolerance), self.reach_px)
         order, minimal = np.argsort(chance), minimal_set(self.sensor, self.uncertainty)
         summed = np.cumsum(probability[order]) / max(float(probability.sum()), 1e-12)
