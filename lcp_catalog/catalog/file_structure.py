@@ -272,11 +272,7 @@ def _attribute_faults(
         found: Any = None
         if not _attribute_fault(dataset, name):
             found = known[name] = stored[name]
-        # NumPy 2.0 cannot compare a text with a number
-        alike = isinstance(found, str) == isinstance(expected, str) and (
-            np.array_equal(found, expected) or _both_nan(found, expected)
-        )
-        if not alike:
+        if not _alike(found, expected):
             yield f"{name} is {_shown(found)} instead of {expected!s}"
     for name in _unknown_attributes(dataset, attributes):
         yield f"the attribute {name} does not belong to a catalogue"
@@ -287,9 +283,11 @@ def _unknown_attributes(place: Any, known: Collection[str]) -> list[str]:
     return sorted(_shown(name) for name in {*place.attrs} - {*known, *_OF_HDF5})
 
 
-def _both_nan(found: Any, expected: Any) -> bool:
+def _alike(found: Any, expected: Any) -> bool:
+    """True for equal values, and for two that are NaN. NumPy 2.0 cannot compare a text with a number."""
     numbers = isinstance(found, np.floating) and isinstance(expected, np.floating)
-    return bool(numbers and np.isnan(found) and np.isnan(expected))
+    texts = isinstance(found, str) == isinstance(expected, str)
+    return texts and np.array_equal(found, expected, equal_nan=numbers)
 
 
 def _shown(value: Any) -> str:

@@ -223,8 +223,7 @@ class SunTable:
                 "horizon: elevation of the terrain below the disc's centre; lit: share of its light "
                 "above the terrain"
             )
-        zero = azimuth_zero_lon(self.place)
-        if zero is not None:
+        if (zero := azimuth_zero_lon(self.place)) is not None:
             lines.append(f"at the pole azimuth 0 points along the meridian {zero:.10g} deg east")
         first, last = self.instants.years()
         if first < ERROR_YEARS[0] or last > ERROR_YEARS[1]:
@@ -252,8 +251,7 @@ class SunTable:
             "azimuth_zero_lon": azimuth_zero_lon(self.place),
             "remarks": self.remarks(),
         }
-        yield json.dumps(head, indent=2).removesuffix("\n}") + ",\n"
-        yield '  "suns": [\n'
+        yield json.dumps(head, indent=2).removesuffix("\n}") + ',\n  "suns": [\n'
         for index, record in enumerate(self.records(), 1):
             yield "    " + json.dumps(record) + (",\n" if index < len(self) else "\n")
         yield "  ]\n}\n"

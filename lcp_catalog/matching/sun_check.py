@@ -31,7 +31,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -366,11 +365,6 @@ class _Tried:
     turns_deg: tuple[tuple[float, float], ...]  # (m)
     power: float = 1.0
 
-    @cached_property
-    def _stated(self) -> Direction:
-        """The stated Sun in the middle of the points."""
-        return _sun_over(self.image, self.ground_mcmf_m)[1]
-
     def under(
         self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
     ) -> tuple[Array, Array]:
@@ -396,8 +390,9 @@ class _Tried:
         z, medians = fisher_z(correlations), np.median(correlations, axis=1)
         gain = z[1:] - z[0]
         independent = max(1.0, len(rows) * independent_share)
-        turn, raised = self._vertex(gain, independent), (0.0, math.inf)
+        turn, raised, stated_deg = self._vertex(gain, independent), (0.0, math.inf), math.nan
         if self.turns_deg == TURNS_DEG:
+            stated_deg = _sun_over(self.image, self.ground_mcmf_m)[1].elevation_deg
             raised = self._rise(gain[[LOWERED, RAISED]], independent)
         check = SunCheck(
             points=len(rows),
@@ -410,7 +405,7 @@ class _Tried:
             shifts_px=tuple(_common_shift(moved - places[0]) for moved in places[1:]),
             best_turn_deg=turn[0],
             best_turn_sigma_deg=turn[1],
-            elevation_deg=self._stated.elevation_deg if self.turns_deg == TURNS_DEG else math.nan,
+            elevation_deg=stated_deg,
             best_raise_deg=raised[0],
             best_raise_sigma_deg=raised[1],
         )
@@ -448,7 +443,7 @@ class _Tried:
         """`best_raise` of gains (2, n) under the lowered and the raised Sun: the parabola is one over log tan of the elevation,
         because slopes are bright by its cotangent.
         """
-        stated = self._stated.elevation_deg
+        stated = _sun_over(self.image, self.ground_mcmf_m)[1].elevation_deg
         if stated < 2.0 * LEAST_ELEVATION_DEG:  # hardly any Sun is lower
             return 0.0, math.inf
         least, most = LEAST_ELEVATION_DEG, 90.0 - LEAST_ELEVATION_DEG

@@ -292,10 +292,8 @@ class Trial:
             return least, list(found)
         left = list(found)
         while left:
-            each = (
-                _MEANT * self.limit_s / (places * (1.0 + sum(cure.work for cure in left))) / node_s
-            )
-            side = math.floor(math.sqrt(each)) - 2 * halo
+            builds = places * (1.0 + sum(cure.work for cure in left))
+            side = math.floor(math.sqrt(_MEANT * self.limit_s / builds / node_s)) - 2 * halo
             if side >= least:
                 return min(side, most), left
             left.pop()  # the dearest
