@@ -210,7 +210,7 @@ class Promise:
     units: AnyArray  # (q,) units of a point that is as good as certain; 1: each usable point is one
     located: AnyArray  # (q, 255) probability, at least, that a frame is located by 0, 1, ... units
     footprint: AnyArray  # (q,) metres, diameter of the ground that a camera sees
-    radius: AnyArray  # (q,) metres around a place that every camera sees whose nearest place it is
+    radius: AnyArray  # (q,) metres around a place, in which every camera whose nearest place it is shows patches whole
     lower_bound: AnyArray  # (q,) points that every choice with the same promise has; 0: unknown
 
     def parts(self) -> list[slice]:

@@ -27,7 +27,7 @@ from ..terrain.area import Area
 from ..terrain.terrain import native_dem
 from ..terrain.useful_cell import resolves
 from .area_job import conditions_at
-from .point_config import FOOTPRINT_NODES, SPACING_MIN_NODES, PointConfig
+from .point_config import SPACING_MIN_NODES, PointConfig
 
 if TYPE_CHECKING:
     from .config import BuildConfig, SunConfig
@@ -313,9 +313,9 @@ class Trial:
             most = given.get(name, getattr(own.points, name.partition(".")[2]))
             if most is not None:
                 given[name] = max(1, round(most * part))
-        if own.points.promised and own.points.footprint_km is None:
-            reach = min(x1 - x0, y1 - y0, FOOTPRINT_NODES * given["area.gsd_m"])
-            given["points.footprint_km"] = reach / 1e3
+        if own.points.promised:
+            footprint_m = own.points.footprint_m(given["area.gsd_m"], min(x1 - x0, y1 - y0))
+            given["points.footprint_km"] = footprint_m / 1e3
         total, start = Yield(0), time.monotonic()
         for place in places:
             try:

@@ -1,8 +1,8 @@
 """How probably frames of the promised footprint will be located, by the Sun's elevation, from the candidates of a few areas:
 by points (`landmarks.located`) and with the ground as a whole (`landmarks.ground_votes`).
 
-A footprint holds as many whole patches of each claim as its area without a border of half a patch says, and each has the claims of
-the evaluated Sun. They overlap as if they were strewn at random: n patches of the width w on the ground A count as
+A footprint holds as many whole patches of each claim as its area without a border of half a diagonal says, and each has the
+claims of the evaluated Sun. They overlap as if they were strewn at random: n patches of the width w on the ground A count as
 n / (1 + n w^2 / A).
 """
 
@@ -36,8 +36,8 @@ def planned_frames(
     """By ``sun_elevation``, degrees, the mean over views and azimuths that occur of the probability that a frame is located,
     ``by_points`` and ``with_ground``; ``ground_m2``: of all samples' areas.
     """
-    width_m = (config.points.patch_nodes - 1) * config.gsd_m
-    area_m2 = math.pi / 4.0 * max(footprint_m - width_m, config.gsd_m) ** 2
+    whole_m = footprint_m - config.points.diagonal_m(config.gsd_m)
+    area_m2 = math.pi / 4.0 * max(whole_m, config.gsd_m) ** 2
     parts = [one.share * area_m2 / ground_m2 * _counts(one.detection) for one in samples]
     numbers = np.sum(parts, axis=0)
     occurs: Mask = np.any([one.occurs for one in samples], axis=0)

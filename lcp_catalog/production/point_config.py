@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from ..fields import check_fields, meant, require
@@ -23,6 +24,9 @@ PER_VIEW_MAX = 200
 
 FOOTPRINT_NODES = 1024
 """Default diameter of a camera's footprint: an image so many pixels wide at the scale of the cells."""
+
+FOOTPRINT_PATCHES = 3
+"""Patches across the default footprint, at least."""
 
 FOOTPRINT_MAX_KM = 5000.0
 """Greatest diameter of a footprint: about half the Moon."""
@@ -77,7 +81,7 @@ class PointConfig:
     footprint_km: float | None = meant(
         None,
         "Diameter of the ground that a camera sees.",
-        default=f"{FOOTPRINT_NODES} cells, at most the shorter side of the region",
+        default=f"{FOOTPRINT_NODES} cells, at most the shorter side of the region, at least three patches",
         above=0.0,
         most=FOOTPRINT_MAX_KM,
     )
@@ -240,6 +244,17 @@ class PointConfig:
     def half(self) -> int:
         """Nodes from a patch's centre to its edge."""
         return self.patch_nodes // 2
+
+    def diagonal_m(self, gsd_m: float) -> float:
+        """Diagonal of a patch, metres: a footprint shows a patch whole, however turned, if its centre is half of it inside."""
+        return math.sqrt(2.0) * (self.patch_nodes - 1) * gsd_m
+
+    def footprint_m(self, gsd_m: float, side_m: float, least_m: float = 0.0) -> float:
+        """Diameter of the footprint, metres; by default at least ``least_m``, at most the region's shorter side, ``side_m``."""
+        if self.footprint_km is not None:
+            return 1e3 * self.footprint_km
+        usual_m = min(max(FOOTPRINT_NODES * gsd_m, least_m), side_m)
+        return max(usual_m, FOOTPRINT_PATCHES * self.patch_nodes * gsd_m)
 
     def search_nodes(self, gsd_m: float) -> int:
         """Radius, in nodes, within which a point must be unique."""

@@ -37,7 +37,7 @@ from ..landmarks.selection import (
 from ..terrain.area import Area
 from .config import BuildConfig
 from .finished_area import UNIT, units_of
-from .point_config import FOOTPRINT_NODES, PointConfig
+from .point_config import PointConfig
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
 
 _ROWS = 1_000_000
@@ -158,7 +158,8 @@ _CURVE_STEPS = 200
 @dataclass(frozen=True)
 class PromisedPlaces:
     """Places at which a promise is made: a camera over any place of the region has one of them within
-    ``footprint_m / 2 - radius_m``, so that it sees all points within ``radius_m`` of that.
+    ``footprint_m / 2 - radius_m``, less half a patch's diagonal, so that it sees all patches whole whose points are within
+    ``radius_m`` of that.
     """
 
     at: Places
@@ -173,24 +174,26 @@ class PromisedPlaces:
     ) -> PromisedPlaces:
         """An even lattice over a region. Where a footprint reaches beyond the region, as large a share
         of the ``demand`` is promised as of the footprint lies in it, rounded down. ConfigError for a
-        footprint that is small beside the distance of as many places as can be kept, or so large that no place has a share.
+        footprint that shows no patch whole, that is small beside the distance of as many places as can be kept, or so large
+        that no place has a share.
         The last ones are kept, since a build asks at each choice.
         """
         x0, x1, y0, y1 = region.extent_m
         most = min(COVERAGE_CELLS, COVERAGE_BYTES // conditions)
         ground_m2 = (x1 - x0) * (y1 - y0) if region.is_local else region.bounds_m2
         least_m = _COARSEST * math.sqrt(ground_m2 / most)
-        footprint_m = min(max(FOOTPRINT_NODES * gsd_m, least_m), x1 - x0, y1 - y0)
-        if points.footprint_km is not None:
-            footprint_m = 1e3 * points.footprint_km
+        footprint_m = points.footprint_m(gsd_m, min(x1 - x0, y1 - y0), least_m)
         cell_m = points.spacing_nodes(gsd_m) * gsd_m
         near = points.candidates_per_cell * math.pi / 4.0 * (footprint_m / cell_m) ** 2
         at = _lattice(region, footprint_m, near, most)
         reach_m = _reach_m(region, at)
-        if reach_m > 0.4 * footprint_m:
+        diagonal_m = points.diagonal_m(gsd_m)
+        whole_m = footprint_m - diagonal_m
+        if reach_m > 0.4 * whole_m:
             raise ConfigError(
-                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this "
-                f"region: the promise needs at least {math.ceil(reach_m / 400.0)} km (or a smaller region, or `points.per_view` 0)"
+                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this region "
+                f"and patches of {points.patch_nodes * gsd_m / 1e3:.3g} km: give {math.ceil((reach_m / 0.4 + 2.0 * diagonal_m) / 1e3)} "
+                "km or more (or a smaller region, fewer `points.patch_nodes`, or `points.per_view` 0)"
             )
         share = _shares(region, at, footprint_m / 2.0)
         promised = np.floor(demand * share + 1e-9).astype(np.uint8)
@@ -199,7 +202,7 @@ class PromisedPlaces:
                 f"the ground that a frame sees, {points.footprint_km:g} km wide (`points.footprint_km`), is too large for this "
                 "region: nothing could be promised in any footprint; give a smaller `points.footprint_km`, or a larger region"
             )
-        return cls(at, promised, footprint_m, footprint_m / 2.0 - reach_m)
+        return cls(at, promised, footprint_m, whole_m / 2.0 - reach_m)
 
 
 def _lattice(region: Area, footprint_m: float, near: float, most: int) -> Places:

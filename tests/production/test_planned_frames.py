@@ -59,7 +59,7 @@ def test_a_footprint_holds_as_many_as_its_area_says(config: BuildConfig) -> None
     """Two areas of half a footprint (less its border) with 12 and 18 points of 0.5 are as one footprint with 30; where terrain
     hides them none is located, and Suns that do not occur have no row.
     """
-    area = math.pi / 4.0 * (FOOTPRINT_M - 32 * GSD_M) ** 2
+    area = math.pi / 4.0 * (FOOTPRINT_M - math.hypot(32, 32) * GSD_M) ** 2
     elevations = len(config.sun.elevations_deg)
     shape = (len(config.view), elevations, len(config.sun.azimuths_deg))
     occurs = np.ones(shape, bool)

@@ -42,7 +42,7 @@ PROMISED = replace(
     sun=SunConfig((75.0, 90.0, 105.0, 255.0, 270.0, 285.0), (5.0, 10.0, 20.0)),
     view=ViewConfig((0.0,), (0.0,), (float("inf"),)),
     points=replace(
-        TWO.points, per_view=3, footprint_km=16.0, candidates_per_cell=12, search_m=4000.0
+        TWO.points, per_view=3, footprint_km=26.0, candidates_per_cell=12, search_m=4000.0
     ),
 )
 
