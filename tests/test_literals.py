@@ -127,7 +127,7 @@ LISTED: dict[str, str] = {
         photometry.facet_fit 1e-08 1e-05 0.01 0.05 0.1 4 5 6 89 89.9 89.9 361
         rendering.placement 65 65
         rendering.sphere_renderer 33
-        production.promise 8
+        production.promise 8 16
         production.region_maps 8
         kernels.matching.acquisition 10
         kernels.photometry.facet 3

@@ -135,7 +135,7 @@ def _suns(lat_deg: Array, grid: SunCells) -> tuple[Index, Mask, Mask]:
     return number.astype(np.int64), happens.reshape(len(latitudes), math.prod(grid.shape)), known
 
 
-_FINEST, _COARSEST = 12.0, 4.0
+_FINEST, _COARSEST = 16.0, 4.0
 """Steps of the lattice of places in a footprint's diameter: at most, and at least where there are many
 candidates.
 """
@@ -221,7 +221,7 @@ def _reach_m(region: Area, places: Places) -> float:
     """Distance within which every place of a region has one of the ``places``, metres."""
     x0, x1, y0, y1 = region.extent_m
     step_m = math.sqrt(max(1.0, (x1 - x0) * (y1 - y0)) / len(places.lon_deg))
-    side = min(_LATTICE_MAX, 8 + math.ceil(4.0 * max(x1 - x0, y1 - y0) / step_m))
+    side = min(_LATTICE_MAX, 8 + math.ceil(16.0 * max(x1 - x0, y1 - y0) / step_m))
     lon, lat = region.lattice(side)
     _, away_m = nearest(Places(lon, lat), places)
     beside_m = max(x1 - x0, y1 - y0) / (side - 1) / math.sqrt(2.0)
