@@ -190,10 +190,11 @@ class PromisedPlaces:
         diagonal_m = points.diagonal_m(gsd_m)
         whole_m = footprint_m - diagonal_m
         if reach_m > 0.4 * whole_m:
+            least_km = math.ceil((reach_m / 0.4 + 2.0 * diagonal_m) / 1e3)
             raise ConfigError(
-                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this region "
-                f"and patches of {points.patch_nodes * gsd_m / 1e3:.3g} km: give {math.ceil((reach_m / 0.4 + 2.0 * diagonal_m) / 1e3)} "
-                "km or more (or a smaller region, fewer `points.patch_nodes`, or `points.per_view` 0)"
+                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this "
+                f"region and patches of {points.patch_nodes * gsd_m / 1e3:.3g} km: give {least_km} km or more "
+                "(or a smaller region, fewer `points.patch_nodes`, or `points.per_view` 0)"
             )
         share = _shares(region, at, footprint_m / 2.0)
         promised = np.floor(demand * share + 1e-9).astype(np.uint8)
