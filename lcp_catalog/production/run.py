@@ -42,7 +42,7 @@ from .camera_views import Seen, for_images
 from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
 from .config import BuildConfig
-from .cures import TRY_S, Trial, Yield, warn_of_small_footprint
+from .cures import TRY_S, Trial, Yield, warn_of_lone_elevations, warn_of_small_footprint
 from .executor import SharedWorkers, run_tasks
 from .finished_area import FinishedArea, finished_area
 from .kept_ground import KEPT_MB, KeptGrounds
@@ -79,6 +79,7 @@ class Level:
         config.points.check_cells(cell.gsd_m)
         PromiseChoice.of(recipe.region, config)  # raises ConfigError
         warn_of_small_footprint(recipe.region, config.points, cell.gsd_m)
+        warn_of_lone_elevations(config)
         config, grid, tasks = divided(recipe.region, config, memory_gb)
         if not tasks:
             raise AreaError(

@@ -19,7 +19,13 @@ from lcp_cli.build_options import NUMBERS
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.production import public
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.production.cures import Trial, Yield, cures, warn_of_small_footprint
+from lcp_catalog.production.cures import (
+    Trial,
+    Yield,
+    cures,
+    warn_of_lone_elevations,
+    warn_of_small_footprint,
+)
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
@@ -231,3 +237,54 @@ def test_small_footprints_are_advised(
     assert tuple(map(float, found.groups())) == said
     closer = replace(config, spacing_m=1e3 * said[1], search_m=1e3 * said[3])
     closer.check_cells(said[0])
+
+
+@pytest.mark.parametrize(
+    ("elevations", "points", "said"),
+    [
+        ((10.0, 20.0), {}, "10:20:5"),
+        ((10.0, 20.0), {"per_view": 3}, "10:20:5"),
+        ((5.0, 10.0, 50.0, 60.0), {}, "5,7.5,10,50,55,60"),  # no row between 10 and 50 deg
+        ((10.0, 15.0, 20.0), {}, None),
+        ((10.0,), {}, None),
+        ((10.0, 50.0), {}, None),  # each of them is evaluated as it is
+        ((10.0, 20.0), {"spacing_m": 7500.0}, None),  # nothing is promised
+    ],
+)
+def test_two_elevations_alone_are_advised_against(
+    elevations: tuple[float, ...],
+    points: dict[str, Any],
+    said: str | None,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    config = replace(CONFIG, sun=SunConfig((90.0, 105.0), elevations), points=PointConfig(**points))
+    warn_of_lone_elevations(config)
+    if said is None:
+        assert not caplog.messages
+        return
+    (text,) = caplog.messages
+    assert text.endswith(f"add one between: `sun.elevations_deg` {said}")
+    given = NUMBERS.convert(said, None, None)
+    caplog.clear()
+    warn_of_lone_elevations(replace(config, sun=SunConfig((90.0, 105.0), given)))
+    assert not caplog.messages
+
+
+@pytest.mark.slow
+def test_an_elevation_between_two_helps(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Ground with many usable candidates, of which none counts between two elevations; the build says so, and the figure that
+    it names is that of builds with the third elevation.
+    """
+    two = SMALL.replaced({"sun.elevations_deg": (10.0, 20.0), "points.per_view": 3})
+    run_ = BuildRun(planned(two), tmp_path / "c.h5", try_cures_s=1e3)
+    with caplog.at_level(logging.WARNING):
+        run_.whole()
+    assert any("with two elevations of the Sun (10,20 deg)" in text for text in caplog.messages)
+    text = caplog.messages[-1]
+    found = re.search(
+        r"elevations_deg` 10:20:5 \(against few\) .*? kept in (\d+) % there \((\d+)", text
+    )
+    assert found is not None
+    with_third, without = map(int, found.groups())
+    assert without < 10
+    assert with_third > 50
