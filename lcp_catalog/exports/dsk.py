@@ -113,7 +113,7 @@ def _bounds_rad(vertices_km: Array) -> tuple[float, float, float, float]:
     south, north = max(lat.min() - margin, -90.0), min(lat.max() + margin, 90.0)
     west, east = enclosing_arc(lon, lon)
     if east - west > 180.0:
-        west, east = -180.0, 180.0
+        west, east = margin - 180.0, 180.0 - margin  # SPICE takes at most a full turn
         south, north = (south, 90.0) if lat.mean() > 0.0 else (-90.0, north)
     found = np.radians([max(west - margin, -360.0), min(east + margin, 360.0), south, north])
     return tuple(found.tolist())

@@ -23,7 +23,7 @@ from lcp_catalog.exports.frames import frame_named
 from lcp_catalog.exports.landmarks import reflectance, write_landmark_maps, write_spc
 from lcp_catalog.exports.points import ExportedPoints
 from lcp_catalog.geometry.bounds import Bounds
-from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.geometry.frames import direction_enu, enu_rotation, lonlat_to_mcmf
 
 PATCH = 9
 HALF = PATCH // 2
@@ -175,6 +175,33 @@ def _assert_hit(handle, segment, wanted_km: np.ndarray, up: np.ndarray) -> None:
     _, found, hit = spiceypy.dskx02(handle, segment, start, -up)
     assert hit
     assert np.linalg.norm(found - wanted_km) < 1e-6  # a millimetre
+
+
+@pytest.mark.slow
+def test_a_site_around_a_pole_is_a_shape_kernel(tmp_path: Path) -> None:
+    """SPICE refuses a segment wider than a full turn. Rays hit the nodes on both sides of the antimeridian."""
+    lon, lat = np.arange(7) * 50.0, np.full(7, -89.5)
+    axes = np.array([enu_rotation(*place) for place in zip(lon, lat, strict=True)])
+    places = {
+        "longitude": lon,
+        "latitude": lat,
+        "elevation": np.zeros(7),
+        "rotation_mcmf_to_enu": axes,
+    }
+    site = catalogs.catalog(7, PATCH, position_mcmf=lonlat_to_mcmf(lon, lat, np.zeros(7)), **places)
+    points = ExportedPoints.chosen(site, frame_named("MOON_ME"))
+    write_dsk(points, tmp_path / "pole.bds")
+    handle = spiceypy.dasopr(str(tmp_path / "pole.bds"))
+    try:
+        segment = spiceypy.dlabfs(handle)
+        about = spiceypy.dskgd(handle, segment)
+        assert about.co1min == pytest.approx(-np.pi, abs=1e-9)
+        assert about.co1max == pytest.approx(np.pi, abs=1e-9)
+        assert about.co2min == pytest.approx(-np.pi / 2.0)
+        for k in range(7):
+            _assert_hit(handle, segment, 1e-3 * node(points, k, 1, -2), 1e-3 * axes[k][2])
+    finally:
+        spiceypy.dascls(handle)
 
 
 @pytest.mark.slow
