@@ -225,7 +225,8 @@ class SunCheck:
         if best is None or not self.outdone:
             return ""
         turn, up = self.turns_deg[best]
-        how = f"turned by {turn:+.0f} deg" if turn else f"raised by {up:+.0f} deg"
+        risen = f"{'lowered' if up < 0.0 else 'raised'} by {abs(up):.0f} deg"
+        how = f"turned by {turn:+.0f} deg" if turn else risen
         return (
             f"the stated Sun does not fit the image: {100.0 * self.shares[best]:.0f} % of {self.points} points "
             f"correlate better under one {how}{law}"

@@ -100,8 +100,9 @@ def _light(check: SunCheck | None) -> str:
 
 
 def _turn(turned_deg: float, raised_deg: float) -> str:
-    parts = [(turned_deg, "turned"), (raised_deg, "raised")]
-    return ", ".join(f"{how} {by:+g}°" for by, how in parts if by)
+    risen = "lowered" if raised_deg < 0.0 else "raised"
+    parts = [(f"{turned_deg:+g}", "turned"), (f"{abs(raised_deg):g}", risen)]
+    return ", ".join(f"{how} {by}°" for by, how in parts if float(by))
 
 
 _TICKS = [(k / 5, f"{k / 5:g}") for k in range(6)]

@@ -47,6 +47,15 @@ def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path
     assert found["wide"] <= 0
 
 
+@pytest.mark.slow
+@in_browser
+def test_tables_fit_on_paper(html: str, tmp_path: Path) -> None:
+    """A4 with margins of 1 cm is 718 pixels wide; what is beyond is not printed."""
+    printed = html.replace("@media print", "@media all")
+    assert printed != html
+    assert measured(printed, 718, tmp_path)["wide"] <= 0
+
+
 def test_the_page_shows_the_catalogue(html: str) -> None:
     found = catalogs.catalog(70, 9)
     page = parsed(html)

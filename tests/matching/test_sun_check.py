@@ -68,7 +68,7 @@ def test_a_lower_sun_is_refused_only_by_far(gain: float, gain_z: float, fits: bo
     )
     assert check.preferred == 2
     assert check.fits == fits
-    assert check.complaint.endswith("raised by -10 deg") != fits
+    assert check.complaint.endswith("correlate better under one lowered by 10 deg") != fits
 
 
 @pytest.mark.parametrize("turn_deg", [-13.0, 0.0, 4.0])

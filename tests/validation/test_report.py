@@ -185,6 +185,13 @@ def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:
     assert f'd="M{x:.1f} {y:.1f}L' in html
 
 
+def test_a_lower_sun_is_named_as_such() -> None:
+    image = verdicts.whole().images[0]
+    sun = replace(image.located.sun, turns_deg=((-20.0, 0.0), (0.0, -10.0)))
+    html = alone(replace(image, located=replace(image.located, sun=sun)))
+    assert "0.625 (turned -20°), – (lowered 10°)" in texts(html)
+
+
 def test_the_figures_of_the_verdict_are_told(html: str) -> None:
     whole, text = verdicts.whole(), texts(html)
     image = whole.images[0]
@@ -196,7 +203,7 @@ def test_the_figures_of_the_verdict_are_told(html: str) -> None:
     assert f"{result.number(found['pose']['position_sigma_m'])} m" in text
     assert f"{result.number(found['pose']['position_error_m'])} m from the true position" in text
     assert (
-        "fits: median correlation 0.9; with the Sun elsewhere 0.625 (turned -20°), – (raised +10°)"
+        "fits: median correlation 0.9; with the Sun elsewhere 0.625 (turned -20°), – (raised 10°)"
         in text
     )
     for reason, count in image.matches.counts().items():
@@ -325,6 +332,15 @@ def test_texts_are_at_least_11_pixels_high(html: str, width: int, tmp_path: Path
     assert found["texts"] > 200
     assert found["smallest"][0][0] >= 11.0
     assert found["wide"] <= 0
+
+
+@pytest.mark.slow
+@in_browser
+def test_tables_fit_on_paper(html: str, tmp_path: Path) -> None:
+    """A4 with margins of 1 cm is 718 pixels wide; what is beyond is not printed."""
+    printed = html.replace("@media print", "@media all")
+    assert printed != html
+    assert measured(printed, 718, tmp_path)["wide"] <= 0
 
 
 def test_every_drawing_has_a_name(html: str) -> None:
