@@ -16,6 +16,7 @@ from . import options
 from .files import FileCommand, InputFile, require_ending
 from .groups import collected, option_group
 from .messages import echo, say
+from .names import in_options
 from .progress import progress
 from .value_types import Number
 
@@ -226,7 +227,7 @@ def _one(asked: Asked) -> None:
 
         line += f"; {blind_to_points(catalog, answer.frame.sensor)}"
     line += _cures(asked, answer)
-    echo(line, err=asked.as_json)
+    echo(in_options(line), err=asked.as_json)
     if output is not None:
         say(f"{output}: {len(answer.rows)} points written")
 
@@ -261,12 +262,11 @@ def _along(asked: Asked, plot: str | None, title: str) -> None:
         ):
             file.writelines(documents.frames_csv(found))
     for line in [*chart.summary(), *asked.lacking]:
-        echo(line, err=asked.as_json)
+        echo(in_options(line), err=asked.as_json)
     if plot is not None:
         write_bytes(plot, chart.encode(plot, title), asked.overwrite)
-    for name in (asked.output, plot):
-        if name is not None:
-            say(f"{name}: written")
+    for name in filter(None, (asked.output, plot)):
+        say(f"{name}: written")
 
 
 def _told(asked: Asked, chart: TrajectoryChart) -> Iterator[Answer]:

@@ -217,11 +217,11 @@ class Catalog(CatalogParts):
 
     def __repr__(self) -> str:
         """The sizes alone: no value is read for it."""
-        suns = len(self.sun_elevation) * len(self.sun_azimuth)
+        suns = f"{len(self.sun_elevation)} x {len(self.sun_azimuth)}"
         size = self.patch_nodes
         return (
             f"<Catalog: {len(self)} points, patches of {size} x {size} nodes, "
-            f"{len(self.view_off_nadir)} views, {suns} Suns>"
+            f"{len(self.view_off_nadir)} views, Suns of {suns} elevations x azimuths>"
         )
 
     def _repr_html_(self) -> str:

@@ -373,6 +373,7 @@ def _rows(
 def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) -> dict[str, Any]:
     """The compared areas and conditions in plain values."""
     config, region = build.recipe.config, build.recipe.region
+    suns = np.any([job.conditions.reachable for job in chosen], axis=0)
     return {
         "dems": [source["name"] for source in build.recipe.dems.sources()],
         "region": {
@@ -387,7 +388,7 @@ def _compared(build: Build, chosen: list[AreaJob], rounds: int, isolated: bool) 
         "area_nodes": [job.nodes for job in chosen],
         "suns": sorted({int(job.conditions.reachable.sum()) for job in chosen}),
         "sun_azimuths_deg": list(config.sun.azimuths_deg),
-        "sun_elevations_deg": list(config.sun.elevations_deg),
+        "sun_elevations_deg": np.array(config.sun.elevations_deg)[suns.any(axis=1)].tolist(),
         "views": len(config.view),
         "view_off_nadir_deg": list(config.view.off_nadir_deg),
         "reflectance": build.recipe.law.model.name,

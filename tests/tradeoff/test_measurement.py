@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.catalogs import HADLEY
 from helpers.pages import parsed
 from helpers.trades import CONFIG, candidates, cratered_dem, faulty
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.errors import ConfigError, OutputError, OutputExistsError
 from lcp_catalog.production.area_job import Candidates
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig
 from lcp_catalog.production.run import Build
 from lcp_catalog.tradeoff import image_errors, knob_table, measurement, report
 from lcp_catalog.tradeoff.measurement import TimedArea, Trade, measure_trade, spread
@@ -47,6 +49,16 @@ def trade(build: Build) -> Trade:
         return measure_trade(build, areas=2, rounds=1, isolated=False)
     finally:
         patch.undo()
+
+
+def test_suns_that_never_occur_are_not_said_to_be_compared() -> None:
+    """At 26 deg of latitude the Sun is at most 90 - 26 + 1.6 deg high, which is nearer to 60 than to 85 deg."""
+    area = AreaConfig(center_deg=(3.5, 26.0), size_km=30.0, gsd_m=474.0)
+    sun = SunConfig((90.0, 180.0), (10.0, 30.0, 60.0, 85.0))
+    build = Build.plan([HADLEY], BuildConfig(area=area, sun=sun))
+    compared = measurement._compared(build, list(build.jobs), 1, True)
+    assert compared["sun_elevations_deg"] == [10.0, 30.0, 60.0]
+    assert "Sun directions, elevations 10 to 60°" in report.compared_line(compared)
 
 
 @pytest.mark.slow
