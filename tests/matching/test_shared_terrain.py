@@ -4,14 +4,16 @@ against positions solved from noise that neighbours share.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers import catalogs
 from helpers.posed import camera, covariances, ground
 
 from lcp_catalog.cameras.sensor import Uncertainty
-from lcp_catalog.matching.common_errors import SharedTerrain
+from lcp_catalog.matching.common_errors import SharedTerrain, map_sigma_m, untied
 from lcp_catalog.matching.pose import solve
 
 UNCERTAIN = Uncertainty(5000.0, np.radians(0.5))
@@ -64,6 +66,16 @@ def test_the_squares_have_the_axes_of_the_points() -> None:
     found = SharedTerrain.of(catalog, np.arange(2), places, np.tile(axes, (2, 1, 1)))
     sides = 160.0 - 100.0 * np.abs([np.cos(turn), np.sin(turn)])
     np.testing.assert_allclose(found.share, [sides.prod() / 160.0**2])
+
+
+def test_the_map_is_that_of_the_points_that_are_asked_for() -> None:
+    """The places of three products: 30 m (GLD100), not published, 10 m (SLDEM2015)."""
+    names = np.array(["GLD100_256", "made_59m", "SLDEM2015_512"], object)
+    catalog = replace(catalogs.catalog(3), dem_product=names)
+    sigmas = [map_sigma_m(catalog, np.array(rows)) for rows in ([0, 1, 2], [1, 2], [1])]
+    assert sigmas == [30.0, 10.0, 0.0]
+    assert untied(catalog, np.array([0, 1])) == ("made_59m",)
+    assert untied(catalog, np.array([0, 2])) == ()
 
 
 @pytest.mark.slow
