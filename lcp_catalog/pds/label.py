@@ -38,7 +38,6 @@ class DeclaredStatistics:
     file_bytes: int | None = None  # of the file that holds the image
     north_deg: float | None = None
     south_deg: float | None = None
-    west_deg: float | None = None
     east_deg: float | None = None
 
 

@@ -270,7 +270,6 @@ class _Interpreter:
             file_bytes=size,
             north_deg=number(map_, "MAXIMUM_LATITUDE"),
             south_deg=number(map_, "MINIMUM_LATITUDE"),
-            west_deg=number(map_, "WESTERNMOST_LONGITUDE"),
             east_deg=number(map_, "EASTERNMOST_LONGITUDE"),
         )
 

@@ -207,6 +207,5 @@ class _Pds4:
             file_bytes=None if size is None else file_bytes(size, "file_size"),
             north_deg=self.maybe("north_bounding_coordinate"),
             south_deg=self.maybe("south_bounding_coordinate"),
-            west_deg=self.maybe("west_bounding_coordinate"),
             east_deg=self.maybe("east_bounding_coordinate"),
         )
