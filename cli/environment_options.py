@@ -13,7 +13,6 @@ from .value_types import AZIMUTH, POSITIVE, SUN_SKY_RATIO
 
 if TYPE_CHECKING:
     from lcp_catalog.light.environment import Environment, RatioChoice
-    from lcp_catalog.light.sun_choice import SunChoice
 
 
 @dataclass(frozen=True)
@@ -29,14 +28,6 @@ class EnvironmentOptions:
         for name in ("environment_azimuth", "environment_sources", "sun_sky_ratio"):
             if self.environment is None and getattr(self, name) is not None:
                 raise click.UsageError(f"--{name.replace('_', '-')} needs --environment PANORAMA")
-
-    def check_sun(self, sun: SunChoice, disc: bool | None) -> None:
-        """Raise a usage error for a map beside a Sun."""
-        if self.environment is not None and (sun.is_stated or disc is not None):
-            raise click.UsageError(
-                "--environment replaces the Sun: it excludes --sun-azimuth, --sun-elevation, --time, --subsolar and "
-                "--sun"
-            )
 
     def open(self) -> Environment | None:
         """The map; None without one."""

@@ -110,7 +110,7 @@ class RenderOptions:
                 f"--size {self.size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; for wider "
                 "areas: --surface sphere"
             )
-        self.light.check_sun(self.sun, self.disc)
+        self.sun.beside(self.light.environment, self.disc)
         lit_by_map = self.light.environment is not None
         if lit_by_map and self.earthshine:
             raise click.UsageError("--environment excludes --earthshine")

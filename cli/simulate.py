@@ -182,7 +182,7 @@ def command(
     if not camera.is_pointed and (center_deg is not None or altitude_km is not None):
         raise click.UsageError("--center and --altitude need --fov DEG")
     camera.check_place(center_deg, altitude_km)
-    light.check_sun(sun, disc)
+    sun.beside(light.environment, disc)
 
     from lcp_catalog.atomic_files import write_files
     from lcp_catalog.photometry.albedo_map import open_grey_map

@@ -180,7 +180,7 @@ def command(
     Exit code 4: an image does not show the place that its camera file states, or --require is
     not met.
     """
-    light.check_sun(sun, disc)
+    sun.beside(light.environment, disc)
     from lcp_catalog.atomic_files import check_folder
     from lcp_catalog.photometry.albedo_map import AlbedoMap
     from lcp_catalog.validation.output import FILES, errors_files, write_validation

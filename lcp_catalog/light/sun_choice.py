@@ -14,7 +14,7 @@ from ..arrays import Array
 from ..cameras.sensor import Sensor
 from ..ephemeris import solar_position
 from ..ephemeris.times import AstropyTime, Time, instants
-from ..errors import SunError
+from ..errors import ConfigError, SunError
 from ..geometry.frames import EnuFrame
 from .solar_disc import MEAN_SUN, SolarDisc, radius_at
 
@@ -85,6 +85,14 @@ class SunChoice:
     def is_stated(self) -> bool:
         """False if the camera file's Sun applies."""
         return self != SunChoice()
+
+    def beside(self, environment: object, disc: bool | None) -> SunChoice:
+        """The choice itself. ConfigError where the Sun, or ``disc``, is stated beside an environment map (None: there is
+        none), which replaces it.
+        """
+        if environment is not None and (self.is_stated or disc is not None):
+            raise ConfigError("`environment` replaces the Sun: it excludes `sun` and `disc`")
+        return self
 
     def direction_mcmf(self, frame: EnuFrame, camera: Sensor | None) -> Array:
         """Unit MCMF vector (3,) from a frame's origin to the Sun; SunError if there is no Sun."""

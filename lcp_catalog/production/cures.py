@@ -188,9 +188,8 @@ def _failing(catalog: Catalog) -> list[tuple[float, float]]:
         lacking = ((cause > Cause.NODATA) & (cause != NO_CELL)).mean(axis=(1, 2, 3))
         rows = np.flatnonzero(lacking >= max(np.median(lacking), 1e-9))
     places = catalog.coverage if told is None else told
-    lon, lat = np.asarray(places.longitude), np.asarray(places.latitude)
     chosen = np.random.default_rng(_SEED).choice(rows, min(_PLACES, len(rows)), replace=False)
-    return [(float(lon[k]), float(lat[k])) for k in chosen]
+    return [(float(places.longitude[k]), float(places.latitude[k])) for k in chosen]
 
 
 _NODATA = next(code for code, cause in COVERAGE_STATUS.items() if cause == "nodata")

@@ -392,7 +392,7 @@ def render(
             dems=dems,
             area=Area.chosen(center, size_km, bounds),
             gsd_m=gsd_m,
-            sun=SunChoice.of(sun),
+            sun=SunChoice.of(sun).beside(environment, disc),
             view=ViewChoice(seen or angles),
             in_camera_plane=camera_plane,
             model=law_of(reflectance),

@@ -140,7 +140,8 @@ def simulate(
     Raises
     ------
     ConfigError
-        For options of DEMs with a catalogue, and for a seed beside a detector.
+        For options of DEMs with a catalogue, for a seed beside a detector, and for ``sun`` or ``disc`` beside
+        ``environment``.
     CameraError
         If the camera sees nothing of the terrain.
     LcpError
@@ -164,7 +165,7 @@ def simulate(
         detector = Detector(noise=ErrorConfig().sensor_noise, seed=seed)
     detector = detector or Detector()
     seen = rendered_sensor(camera)
-    sun = SunChoice.of(sun)
+    sun = SunChoice.of(sun).beside(environment, disc)
     tier = accuracy_of(accuracy or ("reference" if tolerance is None else None), tolerance)
     light = Environment.opened(environment)
     surface: Surface

@@ -119,8 +119,8 @@ def validate(
     CatalogError, DemError, ImageError, CameraError, SunError
         For files that cannot be read; errors of one image are its result, unless all fail.
     ConfigError
-        For other numbers of images and cameras, for an image that stands twice with one camera, and for ``disc`` or
-        ``bounce`` without ``dem``.
+        For other numbers of images and cameras, for an image that stands twice with one camera, for ``disc`` or ``bounce``
+        without ``dem``, and for ``sun`` or ``disc`` beside ``environment``.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def validate(
             uncertainty=Uncertainty(position_sigma_m, float(np.radians(attitude_sigma_deg))),
             dem_paths=dem_paths(dem),
             windows=WindowChoice(window, step or window, gsd_m, remove_offset),
-            sun=SunChoice.of(sun),
+            sun=SunChoice.of(sun).beside(environment, disc),
             model=law_of(reflectance),
             accuracy=accuracy_of(accuracy, tolerance),
             albedo=AlbedoMap.open(albedo) if isinstance(albedo, Path | str) else albedo,
