@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import tomli_w
-from scipy.optimize import minimize_scalar, nnls
 
 from ..arrays import AnyArray, Array, Float32, Index, Mask
 from ..cameras.sensor import ground_errors_m
@@ -174,6 +173,8 @@ def fit_errors(samples: Sequence[Residuals], stated: ErrorModel) -> ErrorModel:
     Which part of the noise displaces matches, and the shift by shadows below a cell, are those of the model ``stated`` by
     the catalogue; the error of place is fitted with them, and as a whole, so that it has no least value in cells.
     """
+    from scipy.optimize import nnls  # half a second, for few
+
     samples = [sample for sample in samples if len(sample)]
     if sum(len(sample) for sample in samples) < FEWEST:
         count = sum(len(sample) for sample in samples)
@@ -341,6 +342,8 @@ def fitted_shift(claims: Claims, stated: float) -> float:
     the most likely change of the ``stated`` one, with a normal prior of `_SHIFT_SIGMA`. It belongs to the catalogue's
     other errors: where these are fitted anew, fit again to a catalogue that is built with them.
     """
+    from scipy.optimize import minimize_scalar
+
     tried = claims.tried & claims.claimed
     if not tried.any():
         return stated

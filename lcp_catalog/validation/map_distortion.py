@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from ..arrays import Array
 from ..cameras.sensor import ON_MAP
@@ -64,9 +64,10 @@ def smooth_pattern(
         fitted.append(used @ found)
         left.append(float((((residual_px - fitted[-1]) * weight) ** 2).sum()))
     more = 2.0 * (_TERMS - _SHIFT)
-    ratio = (left[0] - left[1]) / more / max(left[1] / free, 1e-12)
+    ratio = max(left[0] - left[1], 0.0) / more / max(left[1] / free, 1e-12)
     rms = math.sqrt(float(((fitted[1] - fitted[0]) ** 2).sum(axis=1).mean()))
-    return Pattern(rms, float(f_distribution.logsf(ratio, more, free)) / math.log(10.0))
+    with np.errstate(divide="ignore"):  # fdtrc: the survival function of Fisher's F
+        return Pattern(rms, float(np.log10(fdtrc(more, free, ratio))))
 
 
 def distortion_advice(located: Fix, catalog: Catalog, image: Image) -> str:
