@@ -337,7 +337,7 @@ def _computing(run: Run) -> Iterator[Callable[[int, int], None]]:
         with progress("areas") as update:
             yield update
     except KeyboardInterrupt:
-        say("finished areas are kept: run again with --resume")
+        say("finished areas, if any, are kept: run again with --resume")
         raise
 
 

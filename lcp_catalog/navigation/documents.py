@@ -344,16 +344,16 @@ class TrajectoryChart:
         low, high = span if span[1] > span[0] else (span[0] - 0.5, span[1] + 0.5)
         time = Axis(low, high, round_ticks(low, high, _TICKS), title, grid=True)
         holes = self._bands(place, usable < LEAST_POINTS, low, high)
+        few = f"red: fewer than {LEAST_POINTS} usable points"
         charts = [
-            self._chart(time, _from_zero(usable, "usable points"), holes, [("points", usable)], place, ""),
+            self._chart(time, _from_zero(usable, "usable points"), holes, [("points", usable)], place, few),
             self._chart(
-                time, _decades(np.concatenate([free, known]), "1 sigma, m"), holes,
+                time, _decades(np.concatenate([free, known]), "position, 1 sigma, m"), holes,
                 [("free", free), ("known", known)], place, "solid: attitude as stated; dashed: exact attitude",
             ),
             self._chart(time, _from_zero(altitude, "altitude, km"), [], [("height", altitude)], place, ""),
         ]  # fmt: skip
-        wide, tall = _LEFT + _WIDTH + _RIGHT, _TOP + _HEIGHT + _BOTTOM
-        return drawing("stacked", charts, wide, tall, style)
+        return drawing("stacked", charts, _LEFT + _WIDTH + _RIGHT, _TOP + _HEIGHT + _BOTTOM, style)
 
     def _chart(
         self,

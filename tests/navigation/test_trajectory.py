@@ -198,6 +198,8 @@ def test_the_chart_names_the_holes(catalog: Catalog, cameras: list[Camera], tmp_
     kinds = [one.get("class") for one in drawn.iter() if one.get("class")]
     assert kinds.count("hole") == 2 * len(chart.holes)
     assert {"points", "free", "known", "height"} <= set(kinds)
+    told = {one.text for one in drawn.iter() if one.text}
+    assert {"red: fewer than 4 usable points", "position, 1 sigma, m", "altitude, km"} <= told
     page = chart.encode("way.HTML", "a <b>").decode()
     assert "<svg" in page
     assert "a &lt;b&gt;" in page

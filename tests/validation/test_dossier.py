@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.navigable import everywhere_usable
-from helpers.pages import parsed
+from helpers.pages import in_browser, measured, parsed
 from helpers.posed import camera
 from lcp_cli.main import run
 
@@ -123,6 +123,18 @@ def test_the_page_shows_verdict_budget_and_evidence(
     assert "No requirement was given" in (tmp_path / "plain.html").read_text(encoding="utf-8")
     with pytest.raises(OutputError, match="is read, too"):
         write_dossier(catalog, report, evidence=[report], overwrite=True)
+
+
+@pytest.mark.slow
+@in_browser
+def test_the_page_is_as_wide_as_a_phone(files: tuple[Path, Path], tmp_path: Path) -> None:
+    """With evidence whose path is longer than a line."""
+    (far := tmp_path / ("a" * 80)).mkdir()
+    evidence = files[1].rename(far / "report.json")
+    write_dossier(files[0], tmp_path / "d.html", [FRAME], evidence=[evidence])
+    html = (tmp_path / "d.html").read_text(encoding="utf-8")
+    assert "a" * 80 in html
+    assert measured(html, 400, tmp_path)["wide"] <= 0
 
 
 def test_the_command_says_no_with_exit_code_4(
