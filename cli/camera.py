@@ -21,7 +21,7 @@ from .options import (
     overwrite_option,
     range_option,
 )
-from .sun import range_of
+from .sun import range_of, times_of
 from .value_types import POSITIVE, Instant, KeyNumbers, Number
 
 
@@ -235,14 +235,10 @@ def from_ccsds(
     overwrite: bool,
 ) -> None:
     """Make a camera file, or with --range a trajectory, from a CCSDS orbit and attitude."""
-    if (time is None) == (span is None):
-        raise click.UsageError("give --time UTC or --range START STOP STEP")
-
+    times = times_of(time, span)
     from lcp_catalog.atomic_files import write_bytes
     from lcp_catalog.cameras.ccsds import cameras_from_ccsds
 
-    times = time if span is None else range_of(span)
-    assert times is not None
     found = cameras_from_ccsds(oem, aem, camera, times, kernels, mounting)
     every = [one.to_json() for one in found]
     text = json.dumps(every[0] if span is None else every, allow_nan=False)

@@ -81,14 +81,7 @@ def command(
     above the horizontal plane, subsolar point, distance and angular radius.
     """
     place = _place_of(center, lon, lat)
-    from lcp_catalog.ephemeris.times import instants
-
-    if time_utc is not None and span is None:
-        when = instants(time_utc)
-    elif span is not None and time_utc is None:
-        when = range_of(span)
-    else:
-        raise click.UsageError("give --time UTC or --range START STOP STEP")
+    when = times_of(time_utc, span)
     if gsd_m is not None and not dems:
         raise click.UsageError("--gsd requires --dem")
     if dems and height_m < 0.0:
@@ -120,6 +113,17 @@ def _place_of(
     if center is None and lon is not None and lat is not None:
         return lon, lat
     raise click.UsageError("give the place once: --center LON LAT, or --lon DEG and --lat DEG")
+
+
+def times_of(time_utc: str | None, span: tuple[str, str, float] | None) -> Instants:
+    """The instants of ``--time`` or ``--range``. Usage error unless one of them is given."""
+    from lcp_catalog.ephemeris.times import instants
+
+    if time_utc is not None and span is None:
+        return instants(time_utc)
+    if span is None or time_utc is not None:
+        raise click.UsageError("give --time UTC or --range START STOP STEP")
+    return range_of(span)
 
 
 def range_of(span: tuple[str, str, float]) -> Instants:
