@@ -82,8 +82,6 @@ def command(
     """
     place = _place_of(center, lon, lat)
     when = times_of(time_utc, span)
-    if gsd_m is not None and not dems:
-        raise click.UsageError("--gsd requires --dem")
     if dems and height_m < 0.0:
         raise click.UsageError("--height must not be negative with --dem")
 

@@ -36,13 +36,6 @@ class SiteOptions:
     angles: options.AngleOptions
     camera: str | None
 
-    def __post_init__(self) -> None:
-        """Raise a usage error for options that do not fit together."""
-        if self.camera and (self.size_km or self.gsd_m or self.angles.are_given):
-            raise click.UsageError(
-                "--camera excludes --size, --gsd, --off-nadir and --view-azimuth"
-            )
-
 
 site_options = collected(
     "site",
@@ -120,7 +113,7 @@ def command(
             opened,
             center,
             range_of(span),
-            size_km=site.size_km or SITE_KM,
+            size_km=site.size_km,
             gsd_m=site.gsd_m,
             off_nadir_deg=site.angles.off_nadir or 0.0,
             view_azimuth_deg=site.angles.view_azimuth or 0.0,

@@ -18,7 +18,7 @@ from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_set
 from ..ephemeris.solar_position import SunTable, sun_table
 from ..ephemeris.times import Times
-from ..errors import AreaError
+from ..errors import AreaError, ConfigError
 from ..geometry.frames import EnuFrame, direction_enu
 from ..kernels.rays.bundles import scaled
 from ..terrain.area import Area, NodeWindow
@@ -62,6 +62,8 @@ def sun_at(
         For an invalid time.
     AreaError
         If the DEM has no height at the place, or ``height_m`` is negative with a DEM.
+    ConfigError
+        For ``gsd_m`` without ``dem``.
 
     Examples
     --------
@@ -71,6 +73,8 @@ def sun_at(
     """
     lon_deg, lat_deg = center
     if dem is None:
+        if gsd_m is not None:
+            raise ConfigError("`gsd_m` needs `dem`: it is the cell size of the terrain")
         return sun_table(EnuFrame(lon_deg, lat_deg, height_m), times)
     return sun_over_ground(dem_set(dem), lon_deg, lat_deg, times, height_m, gsd_m)
 

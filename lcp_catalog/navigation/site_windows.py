@@ -23,7 +23,7 @@ from ..choices import SITE_KM
 from ..constants import MOON_RADIUS_M
 from ..ephemeris.solar_position import apparent_sun, sun_table
 from ..ephemeris.times import Instants, Times, instants
-from ..errors import CatalogError, pair
+from ..errors import CatalogError, ConfigError, pair
 from ..geometry.frames import EnuFrame, direction_enu
 from ..matching.point_choice import seen_from
 from ..stages import Progress, unseen
@@ -218,7 +218,7 @@ def windows(
     center: tuple[float, float],
     times: Times,
     *,
-    size_km: float = SITE_KM,
+    size_km: float | None = None,
     gsd_m: float | None = None,
     off_nadir_deg: float = 0.0,
     view_azimuth_deg: float = 0.0,
@@ -237,7 +237,7 @@ def windows(
     times:
         Instants (`instant_range` makes a range of them).
     size_km:
-        Side of the square around the site whose points count.
+        Side of the square around the site whose points count; None: 20.
     gsd_m:
         Size of a pixel on the ground; None: each point's cell.
     off_nadir_deg, view_azimuth_deg:
@@ -259,6 +259,8 @@ def windows(
         If no point of the catalogue lies at the site.
     SunError
         For an invalid time.
+    ConfigError
+        For a camera beside size, pixel or direction.
 
     Examples
     --------
@@ -271,6 +273,9 @@ def windows(
     place, when = EnuFrame(lon_deg, lat_deg), instants(times)
     opened = opened_catalog(catalog, check=False)
     if camera is not None:
+        if size_km or gsd_m or off_nadir_deg or view_azimuth_deg:
+            given = "`size_km`, `gsd_m`, `off_nadir_deg` and `view_azimuth_deg`"
+            raise ConfigError(f"`camera` excludes {given}")
         return camera_windows(opened, place, any_sensor(camera), when, progress or unseen)
-    site = Site(place, 1e3 * size_km, gsd_m, off_nadir_deg, view_azimuth_deg)
+    site = Site(place, 1e3 * (size_km or SITE_KM), gsd_m, off_nadir_deg, view_azimuth_deg)
     return site_windows(opened, site, when, progress or unseen)

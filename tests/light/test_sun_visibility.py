@@ -92,7 +92,7 @@ def test_the_command_prints_both_shares(range_dem, capsys) -> None:
 @pytest.mark.parametrize(
     ("flags", "code", "says"),
     [
-        (["--gsd", "10"], 2, "--gsd requires --dem"),
+        (["--gsd", "10"], 2, "--gsd needs --dem"),
         (["--dem", "DEM", "--height", "-5"], 2, "--height must not be negative with --dem"),
         (["--dem", "missing.tif"], 1, "there is no such file"),
         (["--dem", "DEM", "--lon", "90"], 1, "has no height in the DEM, which covers"),
