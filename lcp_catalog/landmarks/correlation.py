@@ -49,13 +49,21 @@ def moments(a: ArrayLike, b: ArrayLike, weight: ArrayLike | None = None) -> Mome
     ``weight``: of each sample, at least 0 (default: 1); samples must be finite where it is 0, too.
     """
     samples = [np.asarray(x, dtype=np.float64) for x in (a, b)]
-    w = np.ones(samples[0].shape) if weight is None else np.asarray(weight, dtype=np.float64)
-    total = w.sum(axis=-1)
-    means = [np.sum(w * x, axis=-1) / np.where(total > 0.0, total, 1.0) for x in samples]
+    w = None if weight is None else np.asarray(weight, dtype=np.float64)
+
+    def summed(*factors: Array) -> Array:
+        product = factors[0] if w is None else w * factors[0]
+        for factor in factors[1:]:
+            product = product * factor
+        return np.asarray(np.sum(product, axis=-1))
+
+    count, shape = samples[0].shape[-1], samples[0].shape[:-1]
+    total = np.full(shape, float(count)) if w is None else np.asarray(w.sum(axis=-1))
+    means = [summed(x) / np.where(total > 0.0, total, 1.0) for x in samples]
     x, y = (s - mean[..., None] for s, mean in zip(samples, means, strict=True))
-    powers = (np.sum(w * z * z, axis=-1) for z in (x, y))
+    powers = (summed(z, z) for z in (x, y))
     aa, bb = (
         np.where(power > _ROUNDING * total * mean**2, power, 0.0)
         for power, mean in zip(powers, means, strict=True)
     )
-    return Moments(total, aa, bb, np.sum(w * x * y, axis=-1))
+    return Moments(total, aa, bb, summed(x, y))

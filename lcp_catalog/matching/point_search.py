@@ -120,17 +120,15 @@ def nothing_in(image: Image) -> str | None:
     valid = image.valid
     if not valid.any():
         return "the image has no valid pixel"
-    signal = image.signal
-    likeness = max(
-        _correlation(signal[:, :-1], signal[:, 1:], valid[:, :-1] & valid[:, 1:]),
-        _correlation(signal[:-1], signal[1:], valid[:-1] & valid[1:]),
+    signal, likeness = image.signal, -1.0
+    for one, next_one in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
+        both = valid[one] & valid[next_one]
+        likeness = max(likeness, _correlation(signal[one], signal[next_one], both))
+        if likeness > LEAST_LIKENESS:  # one way is enough
+            return None
+    return (
+        f"the image is blank or nothing but noise: neighbouring pixels correlate by {likeness:.2f}"
     )
-    if not likeness > LEAST_LIKENESS:
-        return (
-            "the image is blank or nothing but noise: "
-            f"neighbouring pixels correlate by {likeness:.2f}"
-        )
-    return None
 
 
 def _correlation(a: Float32, b: Float32, both: Mask) -> float:
@@ -190,7 +188,7 @@ class _SearchTask:
 
 def find_points(
     catalog: CatalogOrPath,
-    image: Image | Path | str,
+    image: Image | SearchImage | Path | str,
     model: Reflectance | str = DEFAULT_MODEL,
     reach_px: ArrayLike = 64.0,
     *,
@@ -210,7 +208,7 @@ def find_points(
     catalog:
         A catalogue, or its file.
     image:
-        An image with its sensor and Sun, or the file of one in a map projection.
+        An image with its sensor and Sun, prepared or not, or the file of one in a map projection.
     model:
         Reflectance law of the renders, or its name.
     reach_px:
@@ -245,8 +243,10 @@ def find_points(
     True
     """
     catalog, law = opened_catalog(catalog), law_of(model) or DEFAULT_MODEL
-    image = open_image(image) if isinstance(image, Path | str) else image
-    task = _SearchTask(catalog, SearchImage.of(image), law, criteria, whole_search)
+    if not isinstance(image, SearchImage):
+        opened = open_image(image) if isinstance(image, Path | str) else image
+        image = SearchImage.of(opened)
+    task, image = _SearchTask(catalog, image, law, criteria, whole_search), image.source
     rows = (
         points_in_view(catalog, image.sensor)
         if points is None

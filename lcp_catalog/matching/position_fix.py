@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ from .point_choice import (
     shows_points,
     working_image,
 )
-from .point_search import Criteria, find_points, nothing_in
+from .point_search import Criteria, SearchImage, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
 from .sun_check import FAR_TURNS_DEG, TURNS_DEG, MatchedPoints, SunCheck
@@ -305,16 +306,20 @@ class _FixSearch:
             self.catalog, area.points, self.working.sensor, suns, self.options.most_first
         )
         some = area.only(best)
-        matches = self.sought(self.working, some)
+        matches = self.sought(self.searched, some)
         score = self.agreement(matches, some)
         if len(some) == len(area) or (score.significant and score.pose is not None):
             return matches, score, some
         # a second attempt doubles the number of solutions that chance can offer
         area = replace(area, log10_places=area.log10_places + math.log10(2.0))
-        matches = self.sought(self.working, area)
+        matches = self.sought(self.searched, area)
         return matches, self.agreement(matches, area), area
 
-    def sought(self, image: Image, area: SearchArea) -> Matches:
+    @cached_property
+    def searched(self) -> SearchImage:
+        return SearchImage.of(self.working)
+
+    def sought(self, image: SearchImage, area: SearchArea) -> Matches:
         """Matches near where an image's sensor projects the points; the predictions are those of
         the given sensor.
         """
@@ -371,8 +376,11 @@ class _FixSearch:
             some = rows[factors == factor]
             reach = np.full(len(some), self.options.second_reach_px * factor)
             area = SearchArea(some, np.zeros((len(some), 2)), reach)
-            image = self.working if factor == self.factor else self.image.reduced(factor)
-            parts.append(self.sought(corrected(image, pose), area))
+            image = self.searched
+            if factor != self.factor:
+                image = SearchImage.of(self.image.reduced(factor))
+            image = replace(image, source=corrected(image.source, pose))
+            parts.append(self.sought(image, area))
         return joined(parts)
 
     def factors(self, rows: Index) -> Index:
@@ -559,7 +567,10 @@ class _FixSearch:
             return independent_share(places[some], width)
 
         image, criteria = corrected(self.working, pose), self.options.criteria
-        own_points = MatchedPoints(self.catalog, image, self.model, rows, offset, criteria)
+        searched = replace(self.searched, source=image)
+        own_points = MatchedPoints(
+            self.catalog, image, self.model, rows, offset, criteria, searched
+        )
 
         def checked(reach_px: float, turns_deg: tuple[tuple[float, float], ...]) -> SunCheck:
             whole = share(np.arange(len(rows)))

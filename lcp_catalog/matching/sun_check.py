@@ -31,7 +31,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -252,6 +251,7 @@ class MatchedPoints:
     rows: Index
     offset_px: Array
     criteria: Criteria
+    searched: SearchImage | None = None  # the image as it is searched, if it is prepared
 
     def check(
         self,
@@ -299,15 +299,10 @@ class MatchedPoints:
                 return None
         return checks[0]
 
-    @cached_property
-    def _searched(self) -> SearchImage:
-        return SearchImage.of(self.image)
-
     def _found(self, some: Index, reach_px: float | None = None) -> FoundPlaces:
         rows, offset_px = self.rows[some], self.offset_px[some]
-        return FoundPlaces.of(
-            self.catalog, self._searched, rows, offset_px, self.criteria, reach_px
-        )
+        searched = self.searched or SearchImage.of(self.image)
+        return FoundPlaces.of(self.catalog, searched, rows, offset_px, self.criteria, reach_px)
 
 
 def check_sun(

@@ -483,6 +483,21 @@ def test_a_glance_finds_what_a_search_finds(points: Catalog, photo: Image) -> No
         np.testing.assert_allclose(place, again.found_px, atol=0.02)
 
 
+def test_an_image_is_prepared_once_for_all_its_searches(
+    points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the Sun is checked; what a coarse search prepares is a reduced image."""
+    prepared, of = [], SearchImage.of
+
+    def counted(image: Image) -> SearchImage:
+        prepared.append(image.signal.shape)
+        return of(image)
+
+    monkeypatch.setattr(SearchImage, "of", counted)
+    assert locate(points, believed(photo), UNCERTAIN, LAW, WHOLE).verdict == LOCATED
+    assert prepared.count(photo.signal.shape) == 1
+
+
 def torn(photo: Image) -> Image:
     """The image with a gap of 5 x 5 pixels in every 30 x 30, one in two of NaN."""
     signal, weight = photo.signal.copy(), photo.weight.copy()
