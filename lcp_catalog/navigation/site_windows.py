@@ -52,6 +52,8 @@ class Site:
 
     def rows(self, catalog: Catalog) -> Index:
         """Rows of the points; CatalogError for none."""
+        if not len(catalog):
+            raise CatalogError("the catalogue has no points")
         found = self._found(catalog)
         if not len(found):
             raise CatalogError(

@@ -155,12 +155,12 @@ def warn_of_small_footprint(region: Area, points: PointConfig, gsd_m: float) -> 
 
 
 def warn_of_lone_elevations(config: BuildConfig) -> None:
-    """Log that a promise hardly holds where its Suns lie between two elevations alone.
+    """Log that the promise of a build hardly holds where its Suns lie between two elevations alone.
 
     Hadley, 160 km, cells of 474 m, 10 and 20 deg: 5 points and a promise kept in 0 %; with 15 deg 79 points and 97 %;
     100 km: no point (2026-11-29).
     """
-    if config.points.promised and (more := _with_middles(config.sun)):
+    if more := _with_middles(config.sun):
         log.warning(
             "with two elevations of the Sun (%s deg) hardly any point counts for the promise: at a point the Sun stands higher or "
             "lower than at the middle of a footprint, thus outside of them; add one between: `sun.elevations_deg` %s",

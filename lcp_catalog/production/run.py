@@ -77,9 +77,10 @@ class Level:
         """
         config = recipe.config
         config.points.check_cells(cell.gsd_m)
-        PromiseChoice.of(recipe.region, config)  # raises ConfigError
+        promised = PromiseChoice.of(recipe.region, config)  # raises ConfigError
         warn_of_small_footprint(recipe.region, config.points, cell.gsd_m)
-        warn_of_lone_elevations(config)
+        if promised is not None:
+            warn_of_lone_elevations(config)
         config, grid, tasks = divided(recipe.region, config, memory_gb)
         if not tasks:
             raise AreaError(

@@ -22,6 +22,7 @@ from ..cameras.view import finest_pixel_m, sensor_view
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import patch_terrain
+from ..errors import CatalogError
 from ..geometry.frames import EnuFrame
 from ..light.environment import Environment
 from ..light.solar_disc import SolarDisc, radius_at
@@ -114,9 +115,11 @@ class PatchSurface:
         disc: bool | None = None,
     ) -> PatchSurface:
         """A catalogue, or its file, under a chosen Sun, whose angles are those at the middle of the
-        catalogue's map, or under an environment map.
+        catalogue's map, or under an environment map. CatalogError for a catalogue without points.
         """
         catalog = opened_catalog(source)
+        if not len(catalog):
+            raise CatalogError("the catalogue has no points")
         path = None if isinstance(source, Catalog) else Path(source)
         middle = EnuFrame(catalog.overview.center_lon, catalog.overview.center_lat)
         place = (

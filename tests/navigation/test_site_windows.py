@@ -109,6 +109,12 @@ def test_a_camera_has_what_a_query_says() -> None:
         assert interval["located_probability_min"] == round(found.located[within].min(), 4)
 
 
+def test_a_catalogue_without_points_is_refused(catalog: Catalog) -> None:
+    site = windows.Site(EnuFrame(*catalogs.CENTER), 50e3)
+    with pytest.raises(CatalogError, match="the catalogue has no points"):
+        site.rows(catalog.take([]))
+
+
 def test_a_site_without_points_is_refused(catalog: Catalog) -> None:
     """Also one on the other side of the Moon, where the points lie below the plane."""
     for lon, lat in ((catalogs.CENTER[0] + 180.0, -catalogs.CENTER[1]), (40.0, 0.0)):

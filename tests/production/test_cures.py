@@ -19,13 +19,7 @@ from lcp_cli.build_options import NUMBERS
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.production import public
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
-from lcp_catalog.production.cures import (
-    Trial,
-    Yield,
-    cures,
-    warn_of_lone_elevations,
-    warn_of_small_footprint,
-)
+from lcp_catalog.production.cures import Trial, Yield, cures, warn_of_small_footprint
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.run import Build, BuildRun
 from lcp_catalog.terrain.area import Area
@@ -257,8 +251,10 @@ def test_two_elevations_alone_are_advised_against(
     said: str | None,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    config = replace(CONFIG, sun=SunConfig((90.0, 105.0), elevations), points=PointConfig(**points))
-    warn_of_lone_elevations(config)
+    area = replace(CONFIG.area, size_km=40.0)
+    sun = SunConfig((90.0, 105.0, 180.0), elevations)
+    config = replace(CONFIG, area=area, sun=sun, points=PointConfig(**points))
+    planned(config)
     if said is None:
         assert not caplog.messages
         return
@@ -266,7 +262,7 @@ def test_two_elevations_alone_are_advised_against(
     assert text.endswith(f"add one between: `sun.elevations_deg` {said}")
     given = NUMBERS.convert(said, None, None)
     caplog.clear()
-    warn_of_lone_elevations(replace(config, sun=SunConfig((90.0, 105.0), given)))
+    planned(replace(config, sun=replace(sun, elevations_deg=given)))
     assert not caplog.messages
 
 

@@ -27,7 +27,7 @@ from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.ephemeris.solar_position import sun_direction_at, sun_distance_m
-from lcp_catalog.errors import AreaError, CameraError, SunError
+from lcp_catalog.errors import AreaError, CameraError, CatalogError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.albedo_map import AlbedoMap
@@ -374,6 +374,8 @@ def test_a_catalogue_is_known_by_its_first_bytes(dem, tmp_path):
     middle = EnuFrame(ground.catalog.overview.center_lon, ground.catalog.overview.center_lat)
     towards = middle.direction_from_mcmf(ground.sun_position_mcmf_m - middle.origin_mcmf_m)
     np.testing.assert_allclose(azimuth_elevation(towards), [90.0, 20.0])
+    with pytest.raises(CatalogError, match="the catalogue has no points"):
+        simulate(ground.catalog.take([]), camera(), (90.0, 20.0))
 
 
 def test_what_two_rays_a_side_leave_is_stated() -> None:
