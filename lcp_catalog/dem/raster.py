@@ -302,8 +302,8 @@ class Raster:
         for value in map(float, ends):
             if abs(value) > POSSIBLE_M:
                 raise DemError(
-                    f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale or "
-                    "its value for missing data is not declared"
+                    f"{self.path}: a height of {value:g} m cannot be on the Moon; its scale, its value for missing data, or that "
+                    "heights are radii (their offset: gdal_translate -a_offset -1737400) is not declared"
                 )
             if self.stated_m and (value < self.stated_m[0] or value > self.stated_m[1]):
                 raise DemError(

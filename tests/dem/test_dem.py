@@ -4,6 +4,7 @@ known answers.
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -180,6 +181,14 @@ class TestGeotiff:
         values = np.full((3, 3), -3.4028e38, np.float32)
         with pytest.raises(DemError, match="cannot be on the Moon"):
             height_statistics(Dem.open(geotiff(tmp_path / "m.tif", values, 0.0, 300.0, 100.0)))
+
+    def test_radii_are_heights_with_the_offset_that_is_named(self, tmp_path: Path) -> None:
+        radii = np.full((3, 3), 1_737_412.0, np.float32)
+        with pytest.raises(DemError, match=r"a_offset (-\d+)\)") as refused:
+            height_statistics(Dem.open(geotiff(tmp_path / "r.tif", radii, 0.0, 300.0, 100.0)))
+        offset = float(re.search(r"a_offset (-\d+)", str(refused.value))[1])
+        dem = Dem.open(geotiff(tmp_path / "h.tif", radii, 0.0, 300.0, 100.0, offset=offset))
+        assert (dem.read(0, 3, 0, 3) == 12.0).all()
 
     def test_geographic_degrees(self, tmp_path: Path) -> None:
         lon, lat = np.meshgrid(
