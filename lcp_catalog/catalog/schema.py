@@ -348,7 +348,7 @@ PROMISE = {
     ),
     "footprint": Variable(("part",), "f8", "m", "diameter of the ground that a camera sees"),
     "radius": Variable(
-        ("part",), "f8", "m", "around a place, where all cameras nearest to it show patches whole"
+        ("part",), "f8", "m", "around a place that every camera sees whose nearest place it is"
     ),
     "lower_bound": Variable(
         ("part",),
