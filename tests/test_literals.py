@@ -108,7 +108,7 @@ LISTED: dict[str, str] = {
         production.finished_area 0.5
         production.model_config 0.05 10 400 3000
         production.point_config 0.1 0.1 0.9 0.9
-        production.promise 0.4 0.4
+        production.promise 0.4 4 4
         kernels.resampling.heights 0.5 0.5
         kernels.sun_moments 0.5
         kernels.photometry.facet 3

@@ -279,5 +279,11 @@ def windows(
             given = "`size_km`, `gsd_m`, `off_nadir_deg` and `view_azimuth_deg`"
             raise ConfigError(f"`camera` excludes {given}")
         return camera_windows(opened, place, any_sensor(camera), when, progress or unseen)
-    site = Site(place, 1e3 * (size_km or SITE_KM), gsd_m, off_nadir_deg, view_azimuth_deg)
+    site = Site(
+        place,
+        1e3 * (SITE_KM if size_km is None else size_km),
+        gsd_m,
+        off_nadir_deg,
+        view_azimuth_deg,
+    )
     return site_windows(opened, site, when, progress or unseen)

@@ -162,8 +162,8 @@ def warn_of_lone_elevations(config: BuildConfig) -> None:
     """
     if more := _with_middles(config.sun):
         log.warning(
-            "with two elevations of the Sun (%s deg) hardly any point counts for the promise: at a point the Sun stands higher or "
-            "lower than at the middle of a footprint, thus outside of them; add one between: `sun.elevations_deg` %s",
+            "two elevations of the Sun (of %s deg) have no third beside them: few points count for the promise between them, "
+            "where the Sun stands higher or lower at a point than at the middle of a footprint; add one: `sun.elevations_deg` %s",
             _text("", tuple(config.sun.elevations_deg)),
             _text("", more),
         )

@@ -183,27 +183,46 @@ class PromisedPlaces:
         ground_m2 = (x1 - x0) * (y1 - y0) if region.is_local else region.bounds_m2
         least_m = _COARSEST * math.sqrt(ground_m2 / most)
         footprint_m = points.footprint_m(gsd_m, min(x1 - x0, y1 - y0), least_m)
-        cell_m = points.spacing_nodes(gsd_m) * gsd_m
-        near = points.candidates_per_cell * math.pi / 4.0 * (footprint_m / cell_m) ** 2
-        at = _lattice(region, footprint_m, near, most)
-        reach_m = _reach_m(region, at)
-        diagonal_m = points.diagonal_m(gsd_m)
-        whole_m = footprint_m - diagonal_m
-        if reach_m > 0.4 * whole_m:
-            least_km = math.ceil((reach_m / 0.4 + 2.0 * diagonal_m) / 1e3)
+        at, reach_m, radius_m = _placed(region, points, gsd_m, footprint_m, most)
+        if radius_m < reach_m / 4.0:
+            least_km = math.ceil((reach_m / 0.4 + points.diagonal_m(gsd_m)) / 1e3)
+            while reach_m > 4.0 * radius_m:
+                at, reach_m, radius_m = _placed(region, points, gsd_m, 1e3 * least_km, most)
+                least_km += 1
+            helps = f"give {least_km - 1} km or more (or "
+            if not _promised(region, at, 1e3 * (least_km - 1) / 2.0, demand).any():
+                helps = "no width helps (give "
             raise ConfigError(
                 f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this "
-                f"region and patches of {points.patch_nodes * gsd_m / 1e3:.3g} km: give {least_km} km or more "
-                "(or a smaller region, fewer `points.patch_nodes`, or `points.per_view` 0)"
+                f"region and patches of {points.patch_nodes * gsd_m / 1e3:.3g} km: {helps}smaller cells, fewer "
+                "`points.patch_nodes`, or `points.per_view` 0)"
             )
-        share = _shares(region, at, footprint_m / 2.0)
-        promised = np.floor(demand * share + 1e-9).astype(np.uint8)
-        if points.footprint_km is not None and not promised.any():
+        promised = _promised(region, at, footprint_m / 2.0, demand)
+        if not promised.any():
             raise ConfigError(
-                f"the ground that a frame sees, {points.footprint_km:g} km wide (`points.footprint_km`), is too large for this "
-                "region: nothing could be promised in any footprint; give a smaller `points.footprint_km`, or a larger region"
+                f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too large for this "
+                "region: nothing could be promised in any footprint; give a smaller `points.footprint_km`, or a larger region, or "
+                "smaller cells"
             )
-        return cls(at, promised, footprint_m, whole_m / 2.0 - reach_m)
+        return cls(at, promised, footprint_m, radius_m)
+
+
+def _placed(
+    region: Area, points: PointConfig, gsd_m: float, footprint_m: float, most: int
+) -> tuple[Places, float, float]:
+    """Places of footprints, how far from them a location is at most, and the radius within which every camera near a place
+    shows patches whole, metres.
+    """
+    cell_m = points.spacing_nodes(gsd_m) * gsd_m
+    near = points.candidates_per_cell * math.pi / 4.0 * (footprint_m / cell_m) ** 2
+    at = _lattice(region, footprint_m, near, most)
+    reach_m = _reach_m(region, at) if len(at.lon_deg) else 0.0
+    return at, reach_m, (footprint_m - points.diagonal_m(gsd_m)) / 2.0 - reach_m
+
+
+def _promised(region: Area, at: Places, radius_m: float, demand: int) -> Bytes:
+    """Units promised at places: as large a share as of the footprint lies in the region."""
+    return np.floor(demand * _shares(region, at, radius_m) + 1e-9).astype(np.uint8)
 
 
 def _lattice(region: Area, footprint_m: float, near: float, most: int) -> Places:
@@ -223,10 +242,9 @@ def _reach_m(region: Area, places: Places) -> float:
     x0, x1, y0, y1 = region.extent_m
     step_m = math.sqrt(max(1.0, (x1 - x0) * (y1 - y0)) / len(places.lon_deg))
     side = min(_LATTICE_MAX, 8 + math.ceil(16.0 * max(x1 - x0, y1 - y0) / step_m))
-    lon, lat = region.lattice(side)
+    lon, lat, gap_m = region.covering(side)
     _, away_m = nearest(Places(lon, lat), places)
-    beside_m = max(x1 - x0, y1 - y0) / (side - 1) / math.sqrt(2.0)
-    return float(away_m.max(initial=0.0)) + beside_m
+    return float(away_m.max(initial=0.0)) + gap_m
 
 
 def _shares(region: Area, places: Places, radius_m: float) -> Array:

@@ -143,6 +143,24 @@ class Area:
         )
         return lon.ravel(), lat.ravel()
 
+    def covering(self, side: int) -> tuple[Array, Array, float]:
+        """Longitudes and latitudes (n,), degrees, of places of the area, and the distance on the sphere, metres, within which
+        each place of the area has one of them: those of `lattice`, or of one even in angles over a box that is not local.
+        """
+        if self.box is not None and not self.is_local:
+            west, south, east, north = self.bounds
+            share = (np.arange(side) + 0.5) / side
+            lon, lat = np.meshgrid(west + share * (east - west), south + share * (north - south))
+            widest = math.cos(math.radians(max(south, -north, 0.0)))
+            half = np.radians(math.hypot((east - west) * widest, north - south)) / 2.0 / side
+            return lon.ravel(), lat.ravel(), MOON_RADIUS_M * float(half)
+        x0, x1, y0, y1 = self.extent_m
+        farthest = math.hypot(max(-x0, x1), max(-y0, y1)) / MOON_RADIUS_M
+        # the border of a box may cut off three corners of a mesh
+        mesh = math.hypot(x1 - x0, y1 - y0) / (side - 1) / (2.0 if self.box is None else 1.0)
+        gap_m = mesh / math.sqrt(1.0 - min(farthest, 1.0) ** 2)
+        return *self.lattice(side), gap_m
+
     @property
     def _half_m(self) -> tuple[float, float]:
         assert isinstance(self.size_km, tuple)

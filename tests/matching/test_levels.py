@@ -17,7 +17,7 @@ from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_choice import at_one_scale, working_image
-from lcp_catalog.matching.point_search import find_points
+from lcp_catalog.matching.point_search import SearchImage, find_points
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import locate
 
@@ -120,9 +120,9 @@ def test_a_position_is_solved_from_all_levels_each_at_its_own_scale(
     given = photo.with_sensor(camera.moved([900.0, -700.0, 500.0, 0.002, -0.003, 0.002]))
     asked: list[tuple[set[int], int]] = []
 
-    def listen(sought: Catalog, image: Image, *args: object, **options: Any) -> Matches:
+    def listen(sought: Catalog, image: SearchImage, *args: object, **options: Any) -> Matches:
         levels = set(np.asarray(sought.level)[options["points"]].tolist())
-        asked.append((levels, image.sensor.factor))
+        asked.append((levels, image.factor))
         return find_points(sought, image, *args, **options)
 
     monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", listen)

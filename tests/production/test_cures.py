@@ -259,7 +259,7 @@ def test_two_elevations_alone_are_advised_against(
         assert not caplog.messages
         return
     (text,) = caplog.messages
-    assert text.endswith(f"add one between: `sun.elevations_deg` {said}")
+    assert text.endswith(f"add one: `sun.elevations_deg` {said}")
     given = NUMBERS.convert(said, None, None)
     caplog.clear()
     planned(replace(config, sun=replace(sun, elevations_deg=given)))
@@ -275,7 +275,9 @@ def test_an_elevation_between_two_helps(tmp_path: Path, caplog: pytest.LogCaptur
     run_ = BuildRun(planned(two), tmp_path / "c.h5", try_cures_s=1e3)
     with caplog.at_level(logging.WARNING):
         run_.whole()
-    assert any("with two elevations of the Sun (10,20 deg)" in text for text in caplog.messages)
+    assert any(
+        "two elevations of the Sun (of 10,20 deg) have no third" in text for text in caplog.messages
+    )
     text = caplog.messages[-1]
     found = re.search(
         r"elevations_deg` 10:20:5 \(against few\) .*? kept in (\d+) % there \((\d+)", text

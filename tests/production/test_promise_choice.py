@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.small_build import CONFIG, DEM
+from scipy.spatial import KDTree
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
@@ -16,6 +18,7 @@ from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ConfigError
+from lcp_catalog.geometry.frames import lonlat_to_mcmf
 from lcp_catalog.landmarks.located import Units, chance_of, needed
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.matching.joint_detection import at_least_found
@@ -269,6 +272,49 @@ def test_demand_is_the_share_of_the_footprint_in_the_region() -> None:
     ]
     reach_m = places.footprint_m / 2.0 - np.hypot(1600.0, 1600.0) - places.radius_m
     assert max(nearest) <= reach_m < 1.3 * max(nearest)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "footprint_km", "gsd_m"),
+    [((0.0, 60.0, 300.0, 61.0), 20.0, 20.0), ((-180.0, -90.0, 180.0, 90.0), 800.0, 474.0), ((0.0, 60.0, 5.0, 63.0), None, 59.0)],
+)  # fmt: skip
+def test_every_location_has_a_place_within_the_reach(
+    bounds: tuple[float, float, float, float], footprint_km: float | None, gsd_m: float
+) -> None:
+    """100 000 random places of boxes, in a tangent plane and not, by a tree of all places."""
+    region, points = Area.from_bounds(*bounds), PointConfig(footprint_km=footprint_km)
+    places = PromisedPlaces.of(region, points, gsd_m, 1320, 165)
+    rng, (west, south, east, north) = np.random.default_rng(3), np.radians(bounds)
+    lat = np.degrees(np.arcsin(rng.uniform(np.sin(south), np.sin(north), 100_000)))
+    lon = np.degrees(rng.uniform(west, east, 100_000))
+    chord, _ = KDTree(lonlat_to_mcmf(places.at.lon_deg, places.at.lat_deg, 0.0)).query(
+        lonlat_to_mcmf(lon, lat, 0.0)
+    )
+    away_m = 2.0 * MOON_RADIUS_M * np.arcsin(chord / 2.0 / MOON_RADIUS_M)
+    half_m = np.hypot(16.0, 16.0) * gsd_m
+    assert away_m.max() <= places.footprint_m / 2.0 - half_m - places.radius_m < 1.5 * away_m.max()
+
+
+@pytest.mark.parametrize("size_km", [60.0, 150.0])
+def test_a_small_footprint_is_refused_with_the_least_that_works(size_km: float) -> None:
+    region = Area(3.5, 26.0, size_km)
+    with pytest.raises(ConfigError, match=r"give \d+ km or more") as refused:
+        PromisedPlaces.of(region, PointConfig(footprint_km=10.0), 474.0, 1320, 165)
+    named = re.search(r"give (\d+) km", str(refused.value))
+    assert named is not None
+    least = PointConfig(footprint_km=float(named[1]))
+    assert PromisedPlaces.of(region, least, 474.0, 1320, 165).radius_m > 0.0
+    with pytest.raises(ConfigError, match="too small"):
+        PromisedPlaces.of(region, PointConfig(footprint_km=float(named[1]) - 1.0), 474.0, 1320, 165)
+
+
+def test_patches_that_no_footprint_of_a_region_shows_are_named() -> None:
+    """Eight points in a footprint that is larger than the region are less than one point of it."""
+    region = Area(3.5, 26.0, 5.0)
+    with pytest.raises(ConfigError, match="no width helps"):
+        PromisedPlaces.of(region, PointConfig(footprint_km=10.0, per_view=8), 474.0, 1320, 8)
+    with pytest.raises(ConfigError, match=r"too large .* or smaller cells"):
+        PromisedPlaces.of(region, PointConfig(per_view=8), 474.0, 1320, 8)
 
 
 @pytest.mark.slow
