@@ -481,7 +481,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "places of a promise",
         Figure(6.0, "%", "the points, more than with 40 steps in a footprint", MEASURED),
-        "places 16 steps apart in a footprint, 4 in a large region; a point counts where it is in view from every place between them, so never fewer points than are needed: in 0.81 of the area in which a footprint shows patches whole. 300 km, footprints of 60 km, cells of 59 m, 3000 made candidates: 554 points, with 24 steps 539, with 40 steps 525: 6 % more (6b02beea, 2026-11-29)",
+        "places 16 steps apart in a footprint, 4 in a large region; a point counts where it is in view from every place between them, so never fewer points than are needed: in 0.81 of the area in which a footprint shows patches whole. 300 km, footprints of 60 km, cells of 59 m, 3000 made candidates: 554 points, with 24 steps 539, with 40 steps 525: 6 % more (68073a09, 2026-11-29)",
         constants=("production.promise._FINEST", "production.promise._COARSEST"), unpriced="no switch: it follows from `points.footprint_km` and the region",
         price="1.8 s of the choice, 7.4 s with 24 steps (150 km at Hadley, cells of 474 m, 264 Suns, 5 views)",
     ),

@@ -158,7 +158,7 @@ def warn_of_lone_elevations(config: BuildConfig) -> None:
     """Log that the promise of a build hardly holds where its Suns lie between two elevations alone.
 
     Hadley, 100 km, cells of 474 m, 10 and 20 deg: 3 points and a promise kept in 0 %; with 15 deg 91 points and 81 %
-    (44ad023e, 2026-11-29).
+    (c709adf3, 2026-11-29).
     """
     if more := _with_middles(config.sun):
         log.warning(
