@@ -115,8 +115,8 @@ def command(
             range_of(span),
             size_km=site.size_km,
             gsd_m=site.gsd_m,
-            off_nadir_deg=site.angles.off_nadir or 0.0,
-            view_azimuth_deg=site.angles.view_azimuth or 0.0,
+            off_nadir_deg=site.angles.off_nadir,
+            view_azimuth_deg=site.angles.view_azimuth,
             camera=site.camera,
             progress=update,
         )

@@ -222,8 +222,8 @@ def windows(
     *,
     size_km: float | None = None,
     gsd_m: float | None = None,
-    off_nadir_deg: float = 0.0,
-    view_azimuth_deg: float = 0.0,
+    off_nadir_deg: float | None = None,
+    view_azimuth_deg: float | None = None,
     camera: SensorOrPath | None = None,
     progress: Progress | None = None,
 ) -> SiteWindows:
@@ -243,7 +243,7 @@ def windows(
     gsd_m:
         Size of a pixel on the ground; None: each point's cell.
     off_nadir_deg, view_azimuth_deg:
-        Direction to the camera, from the vertical and clockwise from north.
+        Direction to the camera, from the vertical and clockwise from north; None: straight down.
     camera:
         In place of size, pixel and direction: a camera that stays, or its file; adds the expected
         accuracy of its position and the probability of being located.
@@ -275,15 +275,10 @@ def windows(
     place, when = EnuFrame(lon_deg, lat_deg), instants(times)
     opened = opened_catalog(catalog, check=False)
     if camera is not None:
-        if size_km or gsd_m or off_nadir_deg or view_azimuth_deg:
+        if {size_km, gsd_m, off_nadir_deg, view_azimuth_deg} != {None}:
             given = "`size_km`, `gsd_m`, `off_nadir_deg` and `view_azimuth_deg`"
             raise ConfigError(f"`camera` excludes {given}")
         return camera_windows(opened, place, any_sensor(camera), when, progress or unseen)
-    site = Site(
-        place,
-        1e3 * (SITE_KM if size_km is None else size_km),
-        gsd_m,
-        off_nadir_deg,
-        view_azimuth_deg,
-    )
+    side_m = 1e3 * (SITE_KM if size_km is None else size_km)
+    site = Site(place, side_m, gsd_m, off_nadir_deg or 0.0, view_azimuth_deg or 0.0)
     return site_windows(opened, site, when, progress or unseen)

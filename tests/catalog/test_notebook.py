@@ -101,7 +101,7 @@ WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] =
     "a Sun beside an environment map": (lambda c: lcp.render(catalogs.HADLEY, sun=(90, 20), environment="sky.hdr"), ConfigError, "`environment` replaces the Sun: it excludes `sun` and `disc`"),
     "a solar disc beside an environment map": (lambda c: lcp.simulate(catalogs.HADLEY, posed.camera(), disc=True, environment="sky.hdr"), ConfigError, "`environment` replaces the Sun"),
     "a time beside an environment map": (lambda c: lcp.validate("c.h5", "a.png", sun="2026-01-01", environment="sky.hdr"), ConfigError, "`environment` replaces the Sun"),
-    "windows of a camera that looks aside": (lambda c: lcp.windows(c, (3.5, 26.0), "2026-01-01", camera=posed.camera(), off_nadir_deg=9.0), ConfigError, "`camera` excludes `size_km`, `gsd_m`, `off_nadir_deg` and `view_azimuth_deg`"),
+    "windows of a camera that looks aside": (lambda c: lcp.windows(c, (3.5, 26.0), "2026-01-01", camera=posed.camera(), off_nadir_deg=0.0), ConfigError, "`camera` excludes `size_km`, `gsd_m`, `off_nadir_deg` and `view_azimuth_deg`"),
     "a cell size without a DEM": (lambda c: lcp.sun_at((3.5, 26.0), "2026-01-01", gsd_m=100.0), ConfigError, "`gsd_m` needs `dem`: it is the cell size of the terrain"),
     "points in an unknown format": (lambda c: c.export("p.xyz"), ConfigError, "p.xyz: the output must end in .csv or .parquet or "),
     "a merge as a table": (lambda c: lcp.merge([c, c], "m.csv"), ConfigError, "m.csv: the output must end in .h5 or .lcpx"),

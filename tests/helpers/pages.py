@@ -97,6 +97,13 @@ def measured(html: str, width: int, folder: Path) -> dict[str, Any]:
     return found
 
 
+def beyond_paper(html: str, folder: Path) -> float:
+    """Pixels of a page that are not printed: A4 with margins of 1 cm is 718 wide."""
+    printed = html.replace("@media print", "@media all")
+    assert printed != html
+    return float(measured(printed, 718, folder)["wide"])
+
+
 def logged(page: Path, word: str, folder: Path) -> str:
     """The line with the word that the page's scripts log, in Chromium; empty if none comes in two minutes."""
     options = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
