@@ -50,12 +50,12 @@ wheel: $(READY) ## source distribution, wheel, and wheel with compiled kernels f
 evidence: $(READY) ## photographs and simulated frames: what is claimed against what happens (LCP_SHARED_DATA: their folder)
 	$(BIN)/python -m benchmarks.evidence all
 
-bench: $(READY) ## rates of terrain, shadows, rays, light and matching; plans and areas of the whole Moon
+bench: $(READY) ## rates of terrain, light and matching; plans and areas of the whole Moon
 	$(BIN)/python -m benchmarks.speed kernels
 	$(BIN)/python -m benchmarks.speed scale
 
 bench-build: $(READY) ## a build by stage, beside a plain and a strong pipeline and beside another commit
-	$(BIN)/python -m benchmarks.speed build areas commit roofline jobs
+	$(BIN)/python -m benchmarks.speed build areas commit jobs
 
 bench-peers: $(READY) ## shadows and camera rays beside Mitsuba and Embree
 	$(INSTALL) --group peers

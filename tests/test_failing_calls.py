@@ -150,49 +150,6 @@ def test_a_file_of_a_kernel_that_is_not_read_or_written_is_none(tmp_path: Path) 
     assert (tried > 10, wrong) == (True, [])
 
 
-TWINS = """
-import json, sys
-from pathlib import Path
-from benchmarks.faults import calls, failing
-from tests.helpers.small_commands import COMMANDS, prepare
-
-folder, words = Path(sys.argv[1]), COMMANDS["export .lcpf"]
-prepare(folder, ["export .lcpf"])
-attempts = failing.Attempts(folder / "runs")
-calls._warm(attempts, words, words.inputs(folder))
-trial = failing.Trial.of(attempts, words, words.inputs(folder))
-made = trial.calls(attempts, "")
-faults = [failing.Fault(kind, nth, "EIO", "once") for kind in ("open", "read", "write", "rename", "close")
-          for nth in range(1, made[kind] + 1, max(1, made[kind] // 2))]
-stations = len(attempts.stations(trial.line, attempts.place(trial.inputs), ""))
-forked = attempts.ends(trial.line, trial.inputs, faults, "")
-
-def said(fault, outcome, ended):
-    return [str(fault), outcome, ended.code, ended.err, ended.calls]
-
-print(json.dumps([stations, len(forked), len(faults),
-    [said(*each) for each in trial.outcomes(attempts, faults)],
-    [said(fault, *trial.outcome(attempts, fault)) for fault in faults]]))
-"""
-
-
-@pytest.mark.slow
-def test_a_fork_of_a_command_ends_as_the_command(tmp_path: Path) -> None:
-    """One that forks shortly before the call that fails, and one that runs from its start."""
-    environment = os.environ | {"LD_PRELOAD": str(failing.built(tmp_path))}
-    environment["NUMBA_THREADING_LAYER"] = "workqueue"
-    command = [sys.executable, "-c", TWINS, str(tmp_path)]
-    root = Path(__file__).resolve().parents[1]
-    ended = subprocess.run(
-        command, cwd=root, env=environment, capture_output=True, text=True, check=True
-    )
-    stations, forked, tried, found, expected = json.loads(ended.stdout.splitlines()[-1])
-    assert stations > 10
-    assert forked > tried // 3
-    assert {outcome for _, outcome, *_ in expected} == {"whole", "refused"}
-    assert found == expected
-
-
 WRITE = failing.Fault("write", 1, "EIO", "once")
 SOUND = failing.Ended(0, "text\n", "out: written\n", {}, "write /x")
 REFUSED = replace(SOUND, code=1, out="", err="lcp: out: cannot be written\n")

@@ -51,13 +51,13 @@ from lcp_catalog.plots.axes import Axes, Axis
 from lcp_catalog.plots.pictures import grey
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import simulated_image
 from lcp_catalog.validation.claims import ClaimSearch, search_radius_m
 from tests.helpers import located_frames
 from tests.helpers.closed_loops import SUN_M, embree_frame
 from tests.helpers.dem_clones import Errors, clone
 from tests.helpers.embree_camera import Ground
 from tests.helpers.embree_mesh import mcmf, read_nodes
+from tests.helpers.match_frames import simulated_image
 from tests.helpers.small_world import overhead
 
 PHOTO, OTHER = "AS15-M-0414", "AS15-M-1134"

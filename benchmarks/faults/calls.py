@@ -138,7 +138,8 @@ def _try(name: str, given: argparse.Namespace, folder: Path) -> bool:
                 found[fault.kind]["whole"] += calls[fault.kind]
             else:
                 faults += _each(calls, fault, given)
-        for fault, outcome, ended in trial.outcomes(attempts, faults, memory):
+        for fault in faults:
+            outcome, ended = trial.outcome(attempts, fault)
             good = outcome in ("whole", "refused", "ended", "not reached")
             found[fault.kind][outcome if good else "wrong"] += 1
             if not good:

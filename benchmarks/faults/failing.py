@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import ctypes
 import errno
-import json
 import mmap
 import multiprocessing.util
 import os
-import pickle
 import re
 import select
 import shutil
@@ -21,22 +19,16 @@ import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures.process import _ExecutorManagerThread
-from contextlib import nullcontext, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
-import h5py
 from lcp_cli.main import run
 
 from benchmarks.faults.processes import is_gone, wait_for
-from lcp_catalog import atomic_files, child_process
-from lcp_catalog.catalog import file_structure, stored, verification
 from tests.helpers.small_commands import Words
 
 KINDS = {
@@ -57,11 +49,7 @@ KINDS = {
 fails and succeeds when it is made again; "halves": every call moves half of its bytes, without an error. Of these two,
 one run tries all calls; where its output is not whole, each call fails alone, see `ALONE`.
 """
-OF_INPUTS = ("open", "read", "mmap", "close")
 ALONE = {"each": "once", "halves": "short"}
-
-LOCK = ".lock"
-"""How the names end of files by which a command locks the folders that it writes to."""
 
 _SOCKETS = "/pymp-"
 """How the folders begin that multiprocessing makes for its sockets."""
@@ -71,15 +59,6 @@ _GONE_S = 60.0
 """Time in which processes end that a command has started, on a busy machine."""
 _STATE = struct.Struct("6q16q64s512s512s")
 _HOW = ("once", "on", "short", *ALONE)
-
-_STATIONS: tuple[tuple[Any, str], ...] = (
-    (stored.StoredFile, "opened"),
-    (atomic_files, "_taken_folder"),
-    (file_structure, "_storage_fault"),
-    (h5py.Dataset, "__getitem__"),
-)
-_COUNTS = slice(6 * 8, (6 + len(KINDS)) * 8)
-_NUMBERS = struct.Struct(f"{len(KINDS)}q")
 
 Content = dict[str, bytes]
 """What files hold, by their names in a folder; of a folder nothing."""
@@ -144,7 +123,6 @@ class Attempts:
         self.folder = folder
         folder.mkdir()
         self.count = 0
-        self._on_the_way = 0
         path = folder.with_suffix(".state")
         path.write_bytes(bytes(_STATE.size))
         os.environ["FAILING_CALLS_STATE"] = str(path)
@@ -160,27 +138,15 @@ class Attempts:
         _fill(path, content)
         return path
 
-    def run(
-        self,
-        words: str,
-        place: Path,
-        fault: Fault | None = None,
-        at_stations: Callable[[dict[str, int]], object] | None = None,
-    ) -> Ended:
-        """A command in a process of its own that works in a folder; a function that it calls at its `stations`."""
-        streams = self._streams(place)
+    def run(self, words: str, place: Path, fault: Fault | None = None) -> Ended:
+        """A command in a process of its own that works in a folder."""
+        streams = [place.with_suffix(f"{place.suffix}{ending}") for ending in (".out", ".err")]
         self._write(place, fault)
         process = os.fork()
         if not process:
-            self._command(words, place, streams, at_stations, apart=fault is not None)
-        return self._ended(process, place, streams, LONGEST_S if at_stations is None else None)
-
-    def _ended(
-        self, process: int, place: Path, streams: Sequence[Path], most_s: float | None = LONGEST_S
-    ) -> Ended:
-        """How a process ends that runs a command."""
+            self._command(words, place, streams)
         handle = os.pidfd_open(process)
-        late = not select.select([handle], [], [], most_s)[0]
+        late = not select.select([handle], [], [], LONGEST_S)[0]
         os.close(handle)
         if late:
             os.killpg(process, signal.SIGABRT)
@@ -211,152 +177,17 @@ class Attempts:
             numbers[1] = len(KINDS)
         self._state[:] = _STATE.pack(*numbers, *[0] * 16, b"", b"", os.fsencode(place))
 
-    def _counted(self) -> dict[str, int]:
-        """Calls of each kind so far."""
-        return dict(zip(KINDS, _NUMBERS.unpack(self._state[_COUNTS]), strict=True))
-
-    # -- from within a run
-
-    def stations(self, words: str, place: Path, kind: str) -> list[dict[str, int]]:
-        """Calls of each kind until a command, in which nothing fails, comes to each of its stations: where it opens a
-        catalogue, checks one, reads a variable, or begins an output. The check is made here, where a crash of it would end the
-        command; but of calls for memory, if they are the ``kind``, in its own process, without a station.
-        """
-        notes = self.folder.with_suffix(".stations")
-        notes.write_bytes(b"")
-
-        def note(counts: dict[str, int]) -> None:
-            with notes.open("a") as file:
-                file.write(json.dumps(counts) + "\n")
-
-        self.run(words, place, Fault(kind, 2**62, "EIO", "once") if kind else None, note)
-        return [json.loads(line) for line in notes.read_text().splitlines()]
-
-    def ends(
-        self, words: str, content: Content, faults: Sequence[Fault], kind: str
-    ) -> dict[Fault, tuple[Ended, Content]]:
-        """How a command ends, and what is then there, if one of its calls fails: of those faults that come after a
-        station of the command (`stations`) and before the next, while it is not writing. There the command forks for each
-        of them, and is spared the way to it; what it has opened, it reads by place. Its threads are idle then.
-        """
-        place, results = self.place(content), self.folder.with_suffix(".ends")
-        counts = self.stations(words, place, kind)
-        _restore(place, content)
-        results.write_bytes(b"")
-        following = iter([*counts[1:], dict.fromkeys(KINDS, 2**62)])
-
-        def serve(here: dict[str, int]) -> None:
-            beyond = next(following, here)
-            held = _open_files(place)
-            if held - {os.O_RDONLY}:
-                return
-            for fault in faults:
-                if (
-                    held and fault.kind in OF_INPUTS
-                ):  # a fork opens a DEM anew: not the command's own calls
-                    continue
-                if here[fault.kind] < fault.nth <= beyond[fault.kind]:
-                    now = content_of(place)
-                    ended = self._branched(place, fault, here)
-                    left = content_of(place)
-                    with results.open("ab") as file:
-                        pickle.dump((fault, ended, None if left == content else left), file)
-                    _restore(place, now)
-
-        self.run(words, place, Fault(kind, 2**62, "EIO", "once") if kind else None, serve)
-        shutil.rmtree(place)
-        found: dict[Fault, tuple[Ended, Content]] = {}
-        with results.open("rb") as file:
-            while file.peek():
-                fault, ended, left = pickle.load(file)
-                found[fault] = ended, content if left is None else left
-        return found
-
-    def _branched(self, place: Path, fault: Fault, here: Mapping[str, int]) -> Ended:
-        """Let a fork of this process go on with the command, in which a call fails; how it ends."""
-        sys.stdout.flush()
-        sys.stderr.flush()
-        streams = self._streams(place.with_suffix(".branch"))
-        for own, stream in zip(self._streams(place), streams, strict=True):
-            shutil.copy(own, stream)
-        self._write(place, fault)
-        self._state[_COUNTS] = _NUMBERS.pack(*here.values())
-        process = os.fork()
-        if process:
-            return self._ended(process, place, streams)
-        os.setpgrp()
-        self._redirect(streams, os.O_APPEND)
-        raise _Branched
-
-    def _at_stations(
-        self, place: Path, do: Callable[[dict[str, int]], object], apart: bool
-    ) -> None:
-        """Call a function at each station of the command of this process; what checks a catalogue ``apart``, or here."""
-        last: dict[str, int] = {}
-
-        def stop() -> None:
-            here, numbers = self._counted(), self._state[: _COUNTS.start]
-            if self._on_the_way != os.getpid() or here == last or _has_workers():
-                return
-            if _open_files(place) - {os.O_RDONLY}:
-                return
-            last.update(here)
-            self._arm(0)
-            try:
-                do(here)
-            except _Branched:
-                self._on_the_way = 0
-                self._arm(1)
-                return
-            self._state[:] = numbers + self._state[_COUNTS.start :]
-            self._state[_COUNTS] = _NUMBERS.pack(*here.values())
-
-        def check(function: Callable[[Any], Any], *rest: Any) -> Any:
-            stop()
-            if apart or self._on_the_way != os.getpid():
-                return child_process.call_apart(function, *rest)
-            return json.loads(json.dumps(function(rest[0])))
-
-        def stopping(call: Callable[..., Any]) -> Callable[..., Any]:
-            def stopped(*arguments: Any) -> Any:
-                stop()
-                return call(*arguments)
-
-            return stopped
-
-        self._on_the_way = os.getpid()
-        patch.object(verification, "call_apart", check).start()
-        for owner, name in _STATIONS[: 2 if apart else None]:
-            patch.object(owner, name, stopping(getattr(owner, name))).start()
-
     def _arm(self, armed: int) -> None:
         self._state[:8] = struct.pack("q", armed)
 
-    @staticmethod
-    def _streams(place: Path) -> list[Path]:
-        return [place.with_suffix(f"{place.suffix}{ending}") for ending in (".out", ".err")]
-
-    @staticmethod
-    def _redirect(streams: Sequence[Path], how: int) -> None:
-        for number, stream in enumerate(streams, 1):
-            os.dup2(os.open(stream, os.O_CREAT | os.O_WRONLY | how), number)
-
-    def _command(
-        self,
-        words: str,
-        place: Path,
-        streams: Sequence[Path],
-        at_stations: Callable[[dict[str, int]], object] | None,
-        apart: bool,
-    ) -> None:
+    def _command(self, words: str, place: Path, streams: Sequence[Path]) -> None:
         code = 70
         try:
             os.setpgrp()
-            self._redirect(streams, os.O_TRUNC)
+            for number, stream in enumerate(streams, 1):
+                os.dup2(os.open(stream, os.O_CREAT | os.O_WRONLY | os.O_TRUNC), number)
             os.chdir(place)
             os.environ["TMPDIR"] = tempfile.tempdir = str(place)
-            if at_stations:
-                self._at_stations(place, at_stations, apart)
             self._arm(1)
             code = run(words.split())
             self._arm(0)
@@ -369,37 +200,6 @@ class Attempts:
             traceback.print_exc()
         finally:
             os._exit(code)
-
-
-def _open_files(place: Path) -> set[int]:
-    """How this process holds files of a folder open, to write or to read; but locks and what HDF5 reads, by place."""
-    found = set()
-    for opened in Path("/proc/self/fd").iterdir():
-        with suppress(OSError):
-            file = os.readlink(opened)
-            how = (
-                int(Path("/proc/self/fdinfo", opened.name).read_text().split()[3], 8) & os.O_ACCMODE
-            )
-            if file.startswith(f"{place}/") and LOCK not in file and (how or ".h5" not in file):
-                found.add(how)
-    return found
-
-
-def _has_workers() -> bool:
-    """True if a thread of this process, which no fork has, takes results from other processes."""
-    return any(isinstance(one, _ExecutorManagerThread) for one in threading.enumerate())
-
-
-class _Branched(BaseException):
-    """This process is now one in which a call fails."""
-
-
-def _restore(place: Path, content: Content) -> None:
-    """Remove from a folder what does not belong there, and write what it lacks; what is as it was stays."""
-    for name, held in reversed(content_of(place).items()):
-        if content.get(name) != held:
-            (place / name).rmdir() if name.endswith("/") else (place / name).unlink()
-    _fill(place, {name: held for name, held in content.items() if not (place / name).exists()})
 
 
 def _fill(place: Path, content: Content) -> None:
@@ -471,37 +271,21 @@ class Trial:
         shutil.rmtree(place)
         return calls
 
-    def outcomes(
-        self, attempts: Attempts, faults: Sequence[Fault], kind: str = ""
-    ) -> Iterator[tuple[Fault, str, Ended]]:
-        """Faults with their `outcome` and how the command ended, where the command forks as near to each as it can."""
-        before = {**self.inputs, **self.old}
-        found = attempts.ends(self.line, before, faults, kind)
-        for fault in faults:
-            if fault not in found:
-                yield fault, *self.outcome(attempts, fault)
-                continue
-            ended, left = found.pop(fault)
-            yield fault, self._judged(attempts, fault, ended, left), ended
-
     def outcome(self, attempts: Attempts, fault: Fault) -> tuple[str, Ended]:
         """ "whole", "refused" or "not reached"; for anything else what is wrong. And how the command ended."""
         place = attempts.place({**self.inputs, **self.old})
         ended = attempts.run(self.line, place, fault)
         found = content_of(place)
         shutil.rmtree(place)
-        return self._judged(attempts, fault, ended, found), ended
-
-    def _judged(self, attempts: Attempts, fault: Fault, ended: Ended, found: Content) -> str:
         wrong = self.wrong(ended, found, fault)
         same = {**self.inputs, **self.old}, {**self.inputs, **self.whole}
         if not wrong and found not in same:
             wrong = self._wrong_next(attempts, found)
         if wrong or not ended.failed:
-            return wrong or "not reached"
+            return wrong or "not reached", ended
         if ended.code == self.ended.code:
-            return "whole"
-        return "ended" if ended.code < 0 else "refused"
+            return "whole", ended
+        return "ended" if ended.code < 0 else "refused", ended
 
     def wrong(self, ended: Ended, found: Content, fault: Fault) -> str:
         """What is wrong with how the command ended, or with what it left; empty if nothing is."""

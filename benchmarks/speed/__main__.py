@@ -5,13 +5,13 @@ import sys
 from benchmarks.sections import run
 
 SECTIONS = {
-    "kernels": "terrain, shadows, rays, light, matching: rates, and ratios to plain programs",
+    "kernels": "terrain, light, matching: rates, and ratios to plain programs",
     "build": "areas by stage beside a straightforward pipeline; whole builds beside another commit",
     "peers": "shadows, sweeps and camera rays beside Mitsuba and Embree",
     "render": "lcp render as a whole process beside a minimal Embree script",
     "query": "frames and trajectories asked of a catalogue of 100 000 points",
     "merge": "the end of a large build, and the check of finished areas",
-    "scale": "plans, maps and areas of the whole Moon; what --plan states; a large catalogue's commands",
+    "scale": "plans and areas of the whole Moon; what --plan states; a large catalogue's commands",
 }
 
 if __name__ == "__main__":

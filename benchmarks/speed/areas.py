@@ -98,3 +98,10 @@ def own_nodes(job: AreaJob) -> int:
         (row == job.task.row) & (column == job.task.column) & job.recipe.region.contains(lon, lat)
     )
     return int(mine.sum())
+
+
+def sample(size_km: float, output: Path, *more: str) -> list[str]:
+    """Words of the build of the sample's middle."""
+    place = ["--center", "3.5", "26", "--size", f"{size_km:g}"]
+    build = ["build-catalog", str(DEM), "--config", str(CONFIG), *place]
+    return [*build, "-o", str(output), "--overwrite", *more]

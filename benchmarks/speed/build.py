@@ -1,7 +1,7 @@
 """Time of the main job: areas of three terrains by stage beside two pipelines in the same process, a strong one (`strong`) and
 a straightforward one (`pipeline`), and whole builds beside another commit.
 
-    python -m benchmarks.speed build areas commit roofline jobs        (make bench-build; default: areas)
+    python -m benchmarks.speed build areas commit jobs        (make bench-build; default: areas)
     python -m benchmarks.speed build --case highland --rounds 1
     python -m benchmarks.speed build commit --against 4e256b5 --size 60
 
@@ -24,8 +24,8 @@ from typing import Any
 from benchmarks import sections
 from benchmarks.commands import lcp
 from benchmarks.markdown import percent, table
-from benchmarks.places import CONFIG, DEM, OUTPUT
-from benchmarks.speed.areas import CASES, Case, own_nodes
+from benchmarks.places import OUTPUT
+from benchmarks.speed.areas import CASES, Case, own_nodes, sample
 from benchmarks.speed.differences import ALL, FLAGS, Differences, Places, differences, share
 from benchmarks.speed.stages import LIBRARY, PIPELINE, STAGES, measured
 from benchmarks.timing import Task, in_turn, median, ratio
@@ -218,28 +218,6 @@ def commit(asked: argparse.Namespace) -> Iterator[str]:
     yield compared(asked.against, asked.size, asked.rounds, asked.output)
 
 
-def roofline(asked: argparse.Namespace) -> Iterator[str]:
-    """The machine's peak, and each case's stages beside it."""
-    from benchmarks.speed.roofline import Machine, roofline_table, work_of
-
-    machine = Machine.measured()
-    yield f"## roofline\n\n{machine.text()}"
-    for case in cases(asked):
-        job, _ = case.jobs(asked.output)
-        one = Timed(partial(run_area, job), LIBRARY, run_area(job))
-        for _ in range(asked.rounds):
-            one.staged()
-        works = work_of(job, one.result, job.recipe.config.points.scales)
-        yield f"**{case.name}**\n\n{roofline_table(works, one.stages, machine)}"
-
-
-def sample(size_km: float, output: Path, *more: str) -> list[str]:
-    """Words of the build of the sample's middle."""
-    place = ["--center", "3.5", "26", "--size", f"{size_km:g}"]
-    build = ["build-catalog", str(DEM), "--config", str(CONFIG), *place]
-    return [*build, "-o", str(output), "--overwrite", *more]
-
-
 def jobs(asked: argparse.Namespace) -> Iterator[str]:
     """One and two jobs in turn, and what ``--plan`` states of one."""
     output = asked.output / "jobs.h5"
@@ -269,5 +247,5 @@ def jobs(asked: argparse.Namespace) -> Iterator[str]:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-    f.__name__: f for f in (areas, commit, roofline, jobs)
+    f.__name__: f for f in (areas, commit, jobs)
 }

@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.commands import Ran, ran
 from benchmarks.markdown import percent, table
-from benchmarks.places import CONFIG, DEM, ROOT
+from benchmarks.places import ROOT
+from benchmarks.speed.areas import sample
 from benchmarks.timing import median, ratio
 
 RUN = "from lcp_cli.main import main\nif __name__ == '__main__': main()"
@@ -47,10 +48,8 @@ class Commit:
 
     def build(self, output: Path, size_km: float, *options: str) -> Ran:
         """The build of the sample's middle."""
-        place = ["--center", "3.5", "26", "--size", f"{size_km:g}", "--overwrite"]
-        words = ["build-catalog", str(DEM), "--config", str(CONFIG), *place, "-o", str(output)]
         found = {"PYTHONPATH": str(self.folder)} if self.folder else {}
-        command = [sys.executable, "-c", RUN, *words, *options]
+        command = [sys.executable, "-c", RUN, *sample(size_km, output, *options)]
         return ran(command, self.folder or output.parent, found)
 
 

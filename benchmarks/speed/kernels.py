@@ -1,8 +1,8 @@
 """Rates of what a build, a render and a search are made of, and ratios to plain programs of the same result.
 
-    python -m benchmarks.speed kernels [terrain] [shadows] [rays] [light] [matching] [--rounds N]
+    python -m benchmarks.speed kernels [terrain] [light] [matching] [--rounds N]
 
-One thread, processor time, medians of interleaved rounds; Markdown.
+One thread, processor time, medians of interleaved rounds; Markdown. Shadows and rays: `peers`.
 """
 
 from __future__ import annotations
@@ -18,13 +18,11 @@ from benchmarks.markdown import percent, table
 from benchmarks.places import DEM, SAMPLE
 from benchmarks.timing import Task, in_turn, median, ratio
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import looking_camera, nadir_view
+from lcp_catalog.cameras.view import nadir_view
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.kernels.matching import search
 from lcp_catalog.kernels.photometry.images import add_light
-from lcp_catalog.light.solar_disc import sunlit_share
 from lcp_catalog.light.sources import Lighting, split_sources
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.point_choice import points_in_view
@@ -35,16 +33,14 @@ from lcp_catalog.photometry.laws import DEFAULT_MODEL, reflectance_model
 from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import simulated_image
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
-from lcp_catalog.terrain.occlusion import occluded
 from lcp_catalog.terrain.terrain import Terrain, build_terrain
 from lcp_catalog.threads import limit_threads
 from tests.helpers.environment_maps import Lamp, cie_sky, with_lamps
+from tests.helpers.match_frames import simulated_image
 from tests.helpers.synthetic import cratered
 from tests.helpers.twins_match import catalog_of_dem, looking_at
-from tests.helpers.twins_sphere import naive_ranges
 
 Row = list[str]
 SIDE, CELL_M = 1024, 20.0
@@ -93,37 +89,6 @@ def terrain(rounds: int) -> list[Row]:
     factors = partial(albedo.at_nodes, heights())
     tasks: dict[str, Task] = {"heights": heights, "albedo factors": factors}
     return [row("heights of a DEM", SIDE**2, "node", tasks, rounds)]
-
-
-def shadows(rounds: int) -> list[Row]:
-    """Shadows of a point Sun by tier, and of the disc beside it."""
-    field, rows = made_terrain().field, []
-    for elevation in (0.5, 5.0, 15.0):
-        sun = direction_enu(37.0, elevation)
-        for tier in ("draft", "standard", "high"):
-            point = partial(occluded, field, sun, TIERS[tier])
-            disc = partial(sunlit_share, field, sun, TIERS[tier])
-            tasks: dict[str, Task] = {"point": point, "disc": disc}
-            rows.append(row(f"{tier}, Sun {elevation:g} deg", SIDE**2, "node", tasks, rounds))
-        exact = partial(field.occluded_nodes, sun)
-        rows.append(row(f"exact, Sun {elevation:g} deg", SIDE**2, "ray", {"": exact}, rounds))
-    return rows
-
-
-def rays(rounds: int) -> list[Row]:
-    """Rays of a camera to a heightfield, and to the sphere beside the textbook's formula."""
-    camera = looking_camera(EnuFrame(0.0, 0.0), [0, 0, 1e5], 40.0, (PIXELS * 40.0,) * 2)
-    col, lines = np.meshgrid(*[np.arange(PIXELS, dtype=float)] * 2)
-    looks, place = camera.rays(np.stack([col, lines], -1)), camera.position_mcmf_m
-    origin, enu = camera.rays_enu(EnuFrame(0.0, 0.0))
-    z, start = made_terrain().field.z_m, -0.5 * SIDE * CELL_M
-    field = Heightfield(z, CELL_M, start, -start)
-    tasks: dict[str, Task] = {
-        "sphere": partial(sphere_intersection.ranges, place, looks),
-        "naive": partial(naive_ranges, place, looks),
-        "heightfield": partial(field.first_hits, origin, enu),
-    }
-    return [row("rays to the sphere", PIXELS**2, "ray", tasks, rounds)]
 
 
 def light(rounds: int) -> list[Row]:
@@ -189,6 +154,4 @@ def matching(rounds: int) -> list[Row]:
     return [row("all stages", POINTS, "point", {"": whole}, rounds), sought]
 
 
-PARTS: dict[str, Callable[[int], list[Row]]] = {
-    f.__name__: f for f in (terrain, shadows, rays, light, matching)
-}
+PARTS: dict[str, Callable[[int], list[Row]]] = {f.__name__: f for f in (terrain, light, matching)}

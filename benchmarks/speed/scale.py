@@ -1,8 +1,8 @@
 """The whole Moon at 512 pixels a degree, on virtual files that take 14 MB: time and memory of planning,
-of the maps, and of some random areas, and what the areas make of a build of all of them. And the commands that read
+and of some random areas, and what the areas make of a build of all of them. And the commands that read
 a large catalogue.
 
-    python -m benchmarks.speed scale [plan] [maps] [areas] [catalog] [--count AREAS] [--points POINTS]
+    python -m benchmarks.speed scale [plan] [areas] [catalog] [--count AREAS] [--points POINTS]
 
 Prints a table for each. Times are those of the processor, of one process with one thread in the areas.
 """
@@ -24,16 +24,12 @@ from benchmarks.markdown import table
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
-from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.landmarks.selection import Places
 from lcp_catalog.memory import peak_mb
 from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.assembly import choose
 from lcp_catalog.production.config import AreaConfig, BuildConfig
 from lcp_catalog.production.finished_area import table_of
-from lcp_catalog.production.region_maps import region_coverage, region_overview
 from lcp_catalog.production.run import Build
-from lcp_catalog.terrain.area import Area
 from lcp_catalog.threads import limit_threads
 from tests.helpers import many_points, merges
 from tests.helpers.virtual_moon import virtual_moon
@@ -45,13 +41,11 @@ REGIONS = {
     "whole Moon": (-180.0, -90.0, 180.0, 90.0),
 }
 CORES = (1, 2, 64, 1000)
-POINTS = 1_000_000
-"""Points of the coverage that is timed."""
 
 
 def main(words: Sequence[str]) -> int:
     parser = sections.parser("speed scale", __doc__)
-    parts = ("plan", "maps", "areas", "catalog")
+    parts = ("plan", "areas", "catalog")
     parser.add_argument("parts", nargs="*", choices=[[], *parts], metavar="PART")
     parser.add_argument("--count", type=int, default=6, help="areas: so many random ones")
     parser.add_argument("--points", type=int, default=200_000, help="catalog: of the catalogue")
@@ -62,10 +56,6 @@ def main(words: Sequence[str]) -> int:
         if "plan" in asked:
             rows = [[name, *_apart(_planned, files, box)] for name, box in REGIONS.items()]
             print(table(["region", "areas", "plan, s", "peak memory, MB"], rows))
-        if "maps" in asked:
-            heads = ["region", "overview, s", "cells", "step, km", "coverage, s", "peak memory, MB"]
-            rows = [[name, *_apart(_mapped, files, box)] for name, box in REGIONS.items()]
-            print(table(heads, rows))
         if "areas" in asked:
             _areas(files, given.count)
         if "catalog" in asked:
@@ -87,34 +77,6 @@ def _planned(files: list[Path], bounds: tuple[float, ...]) -> list[str]:
     start = time.process_time()
     build = Build.plan(files, _config(bounds))
     return [f"{len(build.jobs)}", f"{time.process_time() - start:.1f}", f"{peak_mb():.0f}"]
-
-
-def _mapped(files: list[Path], bounds: tuple[float, float, float, float]) -> list[str]:
-    """Overview, and coverage for random points with 40 conditions, with as many candidates."""
-    dems, region = DemSet.open(files), Area.from_bounds(*bounds)
-    start = time.process_time()
-    region_overview(dems, region, 60.0)
-    seen = time.process_time()
-    rng = np.random.default_rng(7)
-    south, north = np.sin(np.radians([bounds[1], bounds[3]]))
-    lon, lat = (
-        rng.uniform(0.0, 360.0, POINTS),
-        np.degrees(np.arcsin(rng.uniform(south, north, POINTS))),
-    )
-    condition = rng.choice(np.array([0, 1, 31], np.uint8), (POINTS, 1, 5, 8))
-    places, stages = Places(lon, lat), np.full(POINTS, 3)
-    start_coverage = time.process_time()
-    cells = region_coverage(
-        dems, region, places, stages, places, condition, 3800.0, range(len(dems.dems))
-    )
-    assert cells.step_m is not None
-    return [
-        f"{seen - start:.1f}",
-        f"{len(cells.longitude)}",
-        f"{cells.step_m / 1e3:.1f}",
-        f"{time.process_time() - start_coverage:.1f}",
-        f"{peak_mb():.0f}",
-    ]
 
 
 def _areas(files: list[Path], count: int) -> None:

@@ -166,15 +166,6 @@ def frame(
     )
 
 
-def simulated_image(
-    request: Request, detector: Detector, samples: int | None = None, name: str = "simulated"
-) -> Image:
-    """The image that a request's camera takes of its DEM."""
-    surface = DemSurface.seen(request, detector.margin_px)
-    assert request.view.plane is not None
-    return replace(frame(surface, request.view.plane, detector, samples).image, name=name)
-
-
 def samples_for(cells_per_pixel: float) -> int:
     """Rays along a pixel's side."""
     return min(max(SAMPLES_LEAST, math.ceil(cells_per_pixel - 0.01)), SAMPLES_MOST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,8 +15,8 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
-from lcp_catalog.simulation import frame
 from lcp_catalog.simulation.detector import Detector
+from lcp_catalog.simulation.frame import DemSurface, frame
 
 from .catalogs import HADLEY
 from .twins_match import catalog_of_dem, looking_at
@@ -36,8 +37,16 @@ def hadley_catalog() -> Catalog:
 @cache
 def hadley_camera() -> Camera:
     """300 km above, 15 degrees off the vertical, turned by 37 degrees; a pixel is a cell."""
-    frame = EnuFrame(3.5, 26.0, -1000.0)
-    return looking_at(frame, 300e3, 15, 60, 37, 300e3 / GSD_M, (320, 320), (159.7, 159.1))
+    return looking_at(
+        EnuFrame(3.5, 26.0, -1000.0), 300e3, 15, 60, 37, 300e3 / GSD_M, (320, 320), (159.7, 159.1)
+    )
+
+
+def simulated_image(request: Request, detector: Detector, samples: int | None = None) -> Image:
+    """The image that a request's camera takes of its DEM."""
+    surface = DemSurface.seen(request, detector.margin_px)
+    assert request.view.plane is not None
+    return replace(frame(surface, request.view.plane, detector, samples).image, name="simulated")
 
 
 def taken(
@@ -55,7 +64,7 @@ def taken(
         model=LAW,
         disc=False,
     )
-    return frame.simulated_image(request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed))
+    return simulated_image(request, Detector(blur_px=blur, noise=noise, bits=12, seed=seed))
 
 
 @cache

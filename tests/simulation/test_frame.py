@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.catalogs import ALBEDO_MAP
+from helpers.match_frames import simulated_image
 from helpers.one_patch import sample_patch
 from helpers.products import DEGREE_M, cylinder, geotiff
 from helpers.twins_match import catalog_of_patches
@@ -40,7 +41,6 @@ from lcp_catalog.simulation.frame import (
     frame,
     grown,
     samples_for,
-    simulated_image,
     subdivided,
     sun_position,
     windowed,

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.catalogs import ALBEDO_MAP, HADLEY
+from helpers.match_frames import simulated_image as simulated
 from helpers.twins_match import catalog_of_dem, looking_at
 
 from lcp_catalog.accuracy import TIERS
@@ -23,7 +24,6 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector
-from lcp_catalog.simulation.frame import simulated_image as simulated
 from lcp_catalog.validation import ground_comparison
 from lcp_catalog.validation.ground_comparison import (
     RenderSettings,
