@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -104,29 +103,7 @@ sun_angle_options = collected(
 """The Sun, which a command gets as ``sun``, a SunChoice."""
 
 
-@dataclass(frozen=True)
-class AngleOptions:
-    """The direction to the camera, in degrees, of a command without ``--camera``."""
-
-    off_nadir: float | None
-    view_azimuth: float | None
-
-    def __post_init__(self) -> None:
-        """Raise a usage error for half of a direction."""
-        if self.off_nadir and self.view_azimuth is None:
-            raise click.UsageError("--off-nadir needs --view-azimuth")
-        if self.view_azimuth is not None and self.off_nadir is None:
-            raise click.UsageError("--view-azimuth needs --off-nadir")
-
-    @property
-    def are_given(self) -> bool:
-        """True if one is stated."""
-        return (self.off_nadir, self.view_azimuth) != (None, None)
-
-
-view_angle_options = collected(
-    "angles",
-    AngleOptions,
+view_angle_options = option_group(
     click.option(
         "--off-nadir",
         type=Number(0, 90, max_open=True),
@@ -140,7 +117,7 @@ view_angle_options = collected(
         help="Azimuth of the camera, seen from the centre, degrees clockwise from north; needed with --off-nadir.",
     ),
 )
-"""The view, which a command gets as ``angles``."""
+"""The direction to the camera, in degrees, of a command without ``--camera``."""
 
 disc_option = click.option(
     "--sun",

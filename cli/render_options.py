@@ -42,7 +42,8 @@ class ViewOptions:
     """The view: that of the camera, or angles at the area's centre; the image's plane; what is behind the terrain."""
 
     camera: CameraOptions
-    angles: options.AngleOptions
+    off_nadir: float | None
+    view_azimuth: float | None
     altitude_km: float | None
     frame: str | None
     around: str | None
@@ -52,13 +53,10 @@ class ViewOptions:
 
     def __post_init__(self) -> None:
         """Raise a usage error for contradictory or incomplete options."""
-        if self.camera.is_pointed:
-            if self.angles.are_given:
-                raise click.UsageError(
-                    "--fov excludes --off-nadir and --view-azimuth; --look AZ EL gives the direction"
-                )
-        elif self.camera.is_given and (self.angles.are_given or self.altitude_km is not None):
-            raise click.UsageError("--camera excludes --off-nadir, --view-azimuth and --altitude")
+        if self.camera.is_pointed and {self.off_nadir, self.view_azimuth} != {None}:
+            raise click.UsageError(
+                "--fov excludes --off-nadir and --view-azimuth; --look AZ EL gives the direction"
+            )
         if self.in_plane and not self.camera.is_given and self.altitude_km is None:
             raise click.UsageError(
                 "--frame camera needs --camera, --fov, or --altitude (with --off-nadir)"
@@ -166,13 +164,14 @@ class RenderOptions:
         from lcp_catalog.rendering.request import Backdrop, Request, ViewAngles, ViewChoice
 
         shown = self.view
+        angles = ViewAngles.stated(
+            shown.camera.camera, shown.off_nadir, shown.view_azimuth, shown.altitude_km
+        )
         camera = shown.camera.open(self.center_deg, shown.altitude_km, shown.in_plane)
         shown.camera.check_lit(self.sun, self.light, camera)
         behind = None
         if shown.has_backdrop:
             behind = Backdrop.open(shown.shadow_catcher, shown.background, shown.background_white)
-        off_nadir, azimuth = shown.angles.off_nadir or 0.0, shown.angles.view_azimuth or 0.0
-        angles = ViewAngles(off_nadir, azimuth, shown.altitude_km)
         return Request(
             dems=dem_set(self.dem, self.product_order or ()) if self.dem else None,
             area=self._area(),

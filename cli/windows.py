@@ -33,7 +33,8 @@ class SiteOptions:
 
     size_km: float | None
     gsd_m: float | None
-    angles: options.AngleOptions
+    off_nadir: float | None
+    view_azimuth: float | None
     camera: str | None
 
 
@@ -115,8 +116,8 @@ def command(
             range_of(span),
             size_km=site.size_km,
             gsd_m=site.gsd_m,
-            off_nadir_deg=site.angles.off_nadir,
-            view_azimuth_deg=site.angles.view_azimuth,
+            off_nadir_deg=site.off_nadir,
+            view_azimuth_deg=site.view_azimuth,
             camera=site.camera,
             progress=update,
         )

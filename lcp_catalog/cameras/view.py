@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
-from ..errors import CameraError, ImageError
+from ..errors import CameraError, ConfigError, ImageError
 from ..geometry import sphere_intersection
 from ..geometry.bounds import Bounds, enclosing_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
@@ -194,6 +194,15 @@ def finest_pixel_m(sensor: Sensor) -> float:
 def nadir_view() -> ParallelView:
     """View straight down from infinity."""
     return ParallelView(_UP.copy())
+
+
+def stated_direction(
+    off_nadir_deg: float | None, view_azimuth_deg: float | None
+) -> tuple[float, float]:
+    """The angles of a direction to the camera, degrees, straight down where None is stated. ConfigError for half of a direction."""
+    if off_nadir_deg != 0.0 and (off_nadir_deg is None) != (view_azimuth_deg is None):
+        raise ConfigError("`off_nadir_deg` and `view_azimuth_deg` go together")
+    return off_nadir_deg or 0.0, view_azimuth_deg or 0.0
 
 
 def oblique_view(

@@ -260,7 +260,8 @@ class _SourceSearch:
 
     def _taken_out(self, row: int, col: int, floor: float) -> BrightSource:
         """Remove the source around a pixel: reduce its pixels to a luminance."""
-        panorama, peak = self.panorama, _direction(self.panorama, row, col)
+        panorama = self.panorama
+        peak = direction_enu_rad(panorama.azimuths[col], panorama.elevations[row])
         centre, reach = peak, math.radians(self.how.radius_deg)
         for _ in range(_SHIFTS):
             band, near = self._near(centre)
@@ -313,11 +314,6 @@ def _segments(panorama: Panorama) -> Iterator[tuple[slice, slice]]:
         for left, right in pairwise(across):
             if top < bottom and left < right:
                 yield slice(top, bottom), slice(left, right)
-
-
-def _direction(panorama: Panorama, row: int, col: int) -> Array:
-    elevation, azimuth = panorama.elevations[row], panorama.azimuths[col]
-    return direction_enu_rad(azimuth, elevation)
 
 
 def _cosines(panorama: Panorama, band: slice, direction: Array) -> Array:

@@ -566,10 +566,9 @@ class _FixSearch:
         def share(some: Index) -> float:
             return independent_share(places[some], width)
 
-        image, criteria = corrected(self.working, pose), self.options.criteria
-        searched = replace(self.searched, source=image)
+        searched = replace(self.searched, source=corrected(self.working, pose))
         own_points = MatchedPoints(
-            self.catalog, image, self.model, rows, offset, criteria, searched
+            self.catalog, searched, self.model, rows, offset, self.options.criteria
         )
 
         def checked(reach_px: float, turns_deg: tuple[tuple[float, float], ...]) -> SunCheck:

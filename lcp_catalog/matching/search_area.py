@@ -32,7 +32,6 @@ from ..images.image import Image
 from ..kernels.matching import correlation
 from ..landmarks.ground_votes import independent_votes
 from ..landmarks.located import SIGNIFICANT
-from ..landmarks.point_spread import POINT_SPREAD_PX
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .consensus import (
     SHARE_IF_HERE,
@@ -87,7 +86,6 @@ def coarse_shift(
     offset_px: ArrayLike | Callable[[Index], Array] | None = None,
     slack_px: float = 0.0,
     grid_px: int = _GRID_PX,
-    psf_sigma_px: float = POINT_SPREAD_PX,
     share: float = 1.0,
 ) -> CoarseShift | None:
     """The offset, within ``reach_px``, at which the points (rows of the catalogue) agree best; None
@@ -121,9 +119,7 @@ def coarse_shift(
     count = max(1, min(_CHUNK, _CHUNK_OFFSETS // votes.size))
     for start in range(0, len(rows), count):
         part = slice(start, start + count)
-        maps = correlation_maps(
-            catalog, searched, model, rows[part], offset[part], reach, psf_sigma_px
-        )
+        maps = correlation_maps(catalog, searched, model, rows[part], offset[part], reach)
         for score in maps:
             known = np.isfinite(score)
             if known.any():
@@ -139,7 +135,6 @@ def correlation_maps(
     rows: Index,
     offset: Array,
     reach: int,
-    psf_sigma_px: float = POINT_SPREAD_PX,
 ) -> Float32:
     """Correlations (n, 2 reach + 1, 2 reach + 1), rows before columns, of points (rows (n,) of the
     catalogue) at every whole offset within ``reach`` of where the image's sensor projects them,
@@ -147,7 +142,7 @@ def correlation_maps(
     """
     suns = searched.source.sun_directions(catalog.position_mcmf[rows])
     sensor = searched.source.sensor
-    templates = render_patches(catalog, rows, sensor, suns, model, psf_sigma_px=psf_sigma_px)
+    templates = render_patches(catalog, rows, sensor, suns, model)
     maps = np.empty((len(rows), 2 * reach + 1, 2 * reach + 1), dtype=np.float32)
     origin = templates.origin + np.round(offset).astype(np.int64)
     correlation.maps(

@@ -246,12 +246,11 @@ class MatchedPoints:
     """
 
     catalog: Catalog
-    image: Image
+    searched: SearchImage
     model: Reflectance
     rows: Index
     offset_px: Array
     criteria: Criteria
-    searched: SearchImage | None = None  # the image as it is searched, if it is prepared
 
     def check(
         self,
@@ -272,8 +271,8 @@ class MatchedPoints:
                 known[key, power] = known[key, 1.0].to_power(power)
             return known[key, power].under(moved, law)
 
-        ground = self.catalog.position_mcmf[self.rows]
-        return check_sun(search, self.image, ground, self.model, independent_share, turns_deg)
+        ground, image = self.catalog.position_mcmf[self.rows], self.searched.source
+        return check_sun(search, image, ground, self.model, independent_share, turns_deg)
 
     def glance(
         self, independent_share: Callable[[Index], float] = lambda _: 1.0
@@ -290,7 +289,7 @@ class MatchedPoints:
             return found.under(moved, law)
 
         ground = self.catalog.position_mcmf[self.rows[some]]
-        tried = _Tried(search, self.image, ground, TURNS_DEG)
+        tried = _Tried(search, self.searched.source, ground, TURNS_DEG)
         others = [law for law in map(reflectance_model, LAWS) if law.name != self.model.name]
         checks, share = [], independent_share(some)
         for law in (self.model, *others):
@@ -301,8 +300,7 @@ class MatchedPoints:
 
     def _found(self, some: Index, reach_px: float | None = None) -> FoundPlaces:
         rows, offset_px = self.rows[some], self.offset_px[some]
-        searched = self.searched or SearchImage.of(self.image)
-        return FoundPlaces.of(self.catalog, searched, rows, offset_px, self.criteria, reach_px)
+        return FoundPlaces.of(self.catalog, self.searched, rows, offset_px, self.criteria, reach_px)
 
 
 def check_sun(

@@ -14,6 +14,7 @@ from ..arrays import Array, Index
 from ..atomic_files import csv_lines
 from ..cameras.public import SensorOrPath, any_sensor
 from ..cameras.sensor import Sensor
+from ..cameras.view import stated_direction
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.prediction import predict
@@ -262,7 +263,7 @@ def windows(
     SunError
         For an invalid time.
     ConfigError
-        For a camera beside size, pixel or direction.
+        For a camera beside size, pixel or direction, and for half of a direction.
 
     Examples
     --------
@@ -280,5 +281,5 @@ def windows(
             raise ConfigError(f"`camera` excludes {given}")
         return camera_windows(opened, place, any_sensor(camera), when, progress or unseen)
     side_m = 1e3 * (SITE_KM if size_km is None else size_km)
-    site = Site(place, side_m, gsd_m, off_nadir_deg or 0.0, view_azimuth_deg or 0.0)
+    site = Site(place, side_m, gsd_m, *stated_direction(off_nadir_deg, view_azimuth_deg))
     return site_windows(opened, site, when, progress or unseen)

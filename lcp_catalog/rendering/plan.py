@@ -130,7 +130,6 @@ def plan_scene(
     model: Reflectance = DEFAULT_MODEL,
     choice: LawChoice | None = None,
     albedo: Decision | None = None,
-    everything: bool = False,
     sphere_may_do: bool = False,
     lowest: bool = False,
     words: LightWords = SUN_ALONE,
@@ -141,7 +140,7 @@ def plan_scene(
     in_camera_plane: True for an image in the camera's plane, False for nodes. ring: decision about the
     terrain beyond the area (`ring_decision`). disc: True for a Sun of radius ``disc_radius_rad``.
     choice: how ``model`` was chosen, if it was compared with others. albedo: decision about an albedo
-    map; None without a map. everything: model all effects (the disc only with ``disc``).
+    map; None without a map.
     sphere_may_do: True if the plain sphere may replace the heightfield. words: the light, in words. scattered:
     decision about light by way of other ground; None to leave it out.
 
@@ -149,18 +148,15 @@ def plan_scene(
     their elevations, monotonically, so the plan holds for the higher ones too.
     """
     found, least_view = relief(terrain), lowest_core_tangent(view, terrain)
-    slope = None if everything else found.slope
-    light_slope, disc_slope = slope, slope
+    light_slope: Steepness | None = found.slope
+    disc_slope = found.slope
     if terrain.far is not None:  # far terrain is not part of the connected surface
-        light_slope = None
-        disc_slope = None if everything else replace(found.slope, connected=False)
+        light_slope, disc_slope = None, replace(found.slope, connected=False)
     limb = limb_tangent(sun, disc_radius_rad)
     finest_m = pixel_m(found, view, in_camera_plane)
-    width_px = math.inf if disc and everything else penumbra_px(found, sun, finest_m)
+    width_px = penumbra_px(found, sun, finest_m)
     point = f"{words.first} is a point" if words.at_infinity else "a point Sun"
     solar_disc = effects.solar_disc(disc, disc_slope, limb, width_px, accuracy, point)
-    if everything:
-        accuracy = replace(accuracy, tolerance=0.0)
     source = "the lowest Sun" if lowest else words.first
     what, light = f"{source}'s elevation", tangent_of(sun)
     if solar_disc.modelled:
@@ -178,7 +174,7 @@ def plan_scene(
     law = effects.reflectance(choice) if choice else effects.reflectance_as_asked(model.name)
     return ScenePlan(
         cast_shadows=shadows,
-        occlusion=_occlusion(slope, view, least_view, in_camera_plane, accuracy, lowest),
+        occlusion=_occlusion(found.slope, view, least_view, in_camera_plane, accuracy, lowest),
         perspective=_perspective(found, view, least_view, in_camera_plane, accuracy, model),
         solar_disc=solar_disc,
         relief=effects.surface(found, least_view, away_m, sphere, accuracy),
@@ -190,7 +186,7 @@ def plan_scene(
 
 
 def _occlusion(
-    slope: Steepness | None,
+    slope: Steepness,
     view: View,
     least_tangent: float,
     in_camera_plane: bool,

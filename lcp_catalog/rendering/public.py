@@ -300,8 +300,8 @@ def render(
     bounce: str = "auto",
     camera: AnySensor | Path | str | None = None,
     camera_plane: bool = False,
-    off_nadir_deg: float = 0.0,
-    view_azimuth_deg: float = 0.0,
+    off_nadir_deg: float | None = None,
+    view_azimuth_deg: float | None = None,
     altitude_km: float | None = None,
     reflectance: Reflectance | str = "auto",
     albedo: AlbedoMap | ColourMap | Path | str | None = None,
@@ -343,8 +343,8 @@ def render(
     camera_plane:
         True: the image is the camera's; False: its nodes are those of the area.
     off_nadir_deg, view_azimuth_deg, altitude_km:
-        Without a camera: direction of the view at the area's centre, degrees, and altitude above it;
-        None: parallel rays.
+        Without a camera: direction to it at the area's centre, from the vertical and clockwise from north, degrees (None:
+        straight down), and its altitude above the sphere (None: parallel rays).
     reflectance:
         Reflectance law, or its name (`choices.REFLECTANCE_MODELS`, or ``auto``).
     albedo:
@@ -368,7 +368,8 @@ def render(
     Raises
     ------
     LcpError
-        `AreaError`, `SunError`, `CameraError`, `DemError` ... for what cannot be rendered.
+        `AreaError`, `SunError`, `CameraError`, `DemError` ... for what cannot be rendered; `ConfigError` for a
+        direction or an altitude beside a camera, and for half of a direction.
 
     Examples
     --------
@@ -382,11 +383,11 @@ def render(
     if output is not None:
         ending_of(output, (".tif",))
         check_output(output, overwrite)
+    angles = ViewAngles.stated(camera, off_nadir_deg, view_azimuth_deg, altitude_km)
     seen = None if camera is None else rendered_sensor(camera)
     dems = dem_set(dem, product_order) if dem else None
     if center is not None and size_km is None and dems is not None:
         size_km = 1e-3 * _NODES * (gsd_m or dems.native_gsd_m(center[0], center[1]))
-    angles = ViewAngles(off_nadir_deg, view_azimuth_deg, altitude_km)
     scene = prepare(
         Request(
             dems=dems,

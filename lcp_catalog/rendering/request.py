@@ -23,11 +23,11 @@ from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
 from ..cameras.sensor import Sensor
-from ..cameras.view import View, oblique_view, sensor_view
+from ..cameras.view import View, oblique_view, sensor_view, stated_direction
 from ..choices import GSD_MAX_M, SURFACES
 from ..constants import MOON_RADIUS_M
 from ..dem.mosaic import DemSet
-from ..errors import AreaError, CameraError, DemError, ImageError
+from ..errors import AreaError, CameraError, ConfigError, DemError, ImageError
 from ..geometry.bounds import turned_deg
 from ..geometry.frames import Direction, EnuFrame
 from ..light.environment import Environment
@@ -188,6 +188,21 @@ class ViewAngles:
     off_nadir_deg: float = 0.0
     view_azimuth_deg: float = 0.0
     altitude_km: float | None = None
+
+    @classmethod
+    def stated(
+        cls,
+        camera: object,
+        off_nadir_deg: float | None,
+        view_azimuth_deg: float | None,
+        altitude_km: float | None,
+    ) -> ViewAngles:
+        """The angles of a request. ConfigError for half of a direction, and for angles or an altitude beside a camera."""
+        if camera is not None and {off_nadir_deg, view_azimuth_deg, altitude_km} != {None}:
+            raise ConfigError(
+                "`camera` excludes `off_nadir_deg`, `view_azimuth_deg` and `altitude_km`"
+            )
+        return cls(*stated_direction(off_nadir_deg, view_azimuth_deg), altitude_km)
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,7 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
         ("windows c.h5 --center 3.5 26 --range 2026-01-02 2026-01-01 1d", 2, "before it starts"),
         ("windows c.h5 --center 3.5 26 --range 1800-01-02 2026-01-01 1d", 2, "1800"),
         ("windows c.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d -o w.txt", 2, "must end in .csv"),
-        ("windows c.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d --off-nadir 9", 2, "needs --view-azimuth"),
+        ("windows c.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d --off-nadir 9", 2, "--view-azimuth go together"),
         ("windows c.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d --camera cam.json --size 9", 2, "--camera excludes"),
         ("windows c.h5 --center 93.5 26 --range 2026-01-01 2026-01-02 1d", 1, "no point of the catalogue lies within"),
         ("windows old.h5 --center 3.5 26 --range 2026-01-01 2026-01-02 1d", 1, "old.h5: made by lcp 0.2; build it again"),

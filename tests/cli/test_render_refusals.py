@@ -42,6 +42,12 @@ def test_an_output_is_replaced_only_when_told(dem, out, capsys):
         ([*AREA, *SUN, "--sun", "square"], 2, "--sun"),
         ([*AREA, *SUN, "--accuracy", "sloppy"], 2, "--accuracy"),
         ([*AREA, *SUN, "--off-nadir", "20"], 2, "--view-azimuth"),
+        ([*AREA, *SUN, "--view-azimuth", "20"], 2, "--off-nadir and --view-azimuth go together"),
+        (
+            [*AREA, *SUN, "--camera", __file__, "--altitude", "9"],
+            2,
+            "--camera excludes --off-nadir, --view-azimuth and --altitude",
+        ),
         ([*AREA, *SUN, "--frame", "camera"], 2, "--frame camera needs"),
         (["--center", "30.5", "10.5", *SUN], 2, "--center needs --size"),
         ([*AREA, "--bounds", "30", "10", "31", "11", *SUN], 2, "exclude each other"),

@@ -1,14 +1,16 @@
 """Small random scenes, and their renders by the plan and with everything modelled: what the tests of the scene plan share."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
+from lcp_catalog.cameras.view import CameraView
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
-from lcp_catalog.rendering.plan import plan_scene
+from lcp_catalog.rendering.plan import is_vertical, plan_scene
 from lcp_catalog.rendering.renderer import Method, render_enu
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.heightfield import Heightfield
@@ -62,10 +64,22 @@ def same(a, b, bands=BANDS):
         np.testing.assert_array_equal(getattr(a, band), getattr(b, band), err_msg=band)
 
 
+def everything(plan, view, disc):
+    """The plan with all effects modelled, the disc only if it is asked for. A view straight down from infinity hides nothing, and
+    has no perspective.
+    """
+    modelled = {"cast_shadows", *(["solar_disc"] if disc else [])}
+    if isinstance(view, CameraView):
+        modelled |= {"occlusion", "perspective"}
+    elif not is_vertical(view.direction):
+        modelled |= {"occlusion"}
+    return replace(plan, **{n: replace(getattr(plan, n), modelled=True) for n in modelled})
+
+
 def both(terrain, sun, view, accuracy=REFERENCE, disc=False, **how):
     """The plan, the render by it, and the render of everything."""
     plan = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc)
-    full = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc, everything=True)
+    full = everything(plan, view, disc)
     renders = (
         render_enu(terrain, sun, view, Method(accuracy=accuracy, disc=disc, plan=p, **how))
         for p in (plan, full)

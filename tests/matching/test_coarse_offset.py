@@ -5,6 +5,7 @@ number by chance.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import mpmath
 import numpy as np
@@ -14,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.cameras.sensor import Reduced
+from lcp_catalog.matching import search_area
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.search_area import (
     CoarseShift,
@@ -23,6 +25,7 @@ from lcp_catalog.matching.search_area import (
     _vote,
     coarse_shift,
 )
+from lcp_catalog.matching.templates import render_patches
 
 catalog = pytest.fixture(hadley_catalog, scope="module")
 camera = pytest.fixture(hadley_camera, scope="module")
@@ -115,7 +118,7 @@ def test_what_a_quarter_of_the_points_could_show(count: int, slack: int, reach: 
 # -- in which pixels
 
 
-def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
+def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo, monkeypatch):
     """The same pixels as a reduced image and with a camera of their own: offsets, reaches, slacks and
     the point spread differ by a factor of 2, probabilities are the same.
     """
@@ -129,9 +132,9 @@ def test_a_reduced_photo_answers_as_one_that_came_so(catalog, camera, photo):
     rows = points_in_view(catalog, photo.sensor)
     how = {"points": rows, "grid_px": 64}
     native = coarse_shift(catalog, photo, LAW, 90.0, offset_px=(20.0, -8.0), slack_px=4.0, **how)
+    monkeypatch.setattr(search_area, "render_patches", partial(render_patches, psf_sigma_px=1.0))
     found = coarse_shift(
-        catalog, replace(photo, sensor=Reduced(fine, 2)), LAW, 180.0, offset_px=(40.0, -16.0), slack_px=8.0,
-        psf_sigma_px=1.0, **how,
+        catalog, replace(photo, sensor=Reduced(fine, 2)), LAW, 180.0, offset_px=(40.0, -16.0), slack_px=8.0, **how,
     )  # fmt: skip
     assert native.precision_px == 2.0 * (1.0 + 2.0)  # 90 px on a grid of 64: reduced by 2
     assert np.hypot(native.offset_px[0] + 20.0, native.offset_px[1] - 8.0) < 3.0

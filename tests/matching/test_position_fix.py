@@ -439,7 +439,9 @@ def test_a_narrow_camera_far_off_may_see_points_that_it_does_not_expect(points: 
 
 def test_the_right_sun_fits_best(points: Catalog, photo: Image) -> None:
     rows = points_in_view(points, photo.sensor)
-    check = MatchedPoints(points, photo, LAW, rows, np.zeros((len(rows), 2)), Criteria()).check()
+    check = MatchedPoints(
+        points, SearchImage.of(photo), LAW, rows, np.zeros((len(rows), 2)), Criteria()
+    ).check()
     assert check.fits
     assert check.complaint == ""
     assert check.correlation > max(check.correlations)
@@ -596,7 +598,9 @@ def test_the_sun_is_held_against_all_points_that_agree(
 def test_a_sun_is_told_from_far_ones(points: Catalog, photo: Image, turn: float) -> None:
     rows = points_in_view(points, photo.sensor)
     lied = with_sun(photo, points.position_mcmf[rows], turn, 0.0)
-    matched = MatchedPoints(points, lied, LAW, rows, np.zeros((len(rows), 2)), Criteria())
+    matched = MatchedPoints(
+        points, SearchImage.of(lied), LAW, rows, np.zeros((len(rows), 2)), Criteria()
+    )
     check = matched.check(turns_deg=FAR_TURNS_DEG)
     assert check.fits == (turn == 0.0)
 

@@ -17,7 +17,7 @@ from helpers.suns import light
 from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.geometry.frames import azimuth_elevation
-from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.point_search import Criteria, SearchImage
 from lcp_catalog.matching.sun_check import (
     FAR_TURNS_DEG,
     TURNS_DEG,
@@ -197,7 +197,7 @@ def listened(monkeypatch, hills, correlations, places, count, **how):
     offset = rng.normal(size=(count, 2))
     photo = plain_photo(np.ones(camera.shape), camera)
     criteria = Criteria(min_correlation=0.1)
-    found = MatchedPoints(hills, photo, LAW, points, offset, criteria).check(**how)
+    found = MatchedPoints(hills, SearchImage.of(photo), LAW, points, offset, criteria).check(**how)
     return found, listener, points, offset
 
 

@@ -16,7 +16,7 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching import sun_check
 from lcp_catalog.matching.point_choice import points_in_view
-from lcp_catalog.matching.point_search import Criteria
+from lcp_catalog.matching.point_search import Criteria, SearchImage
 from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck, with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
@@ -54,7 +54,9 @@ def rough(world, request) -> Image:
 def checked(points, photo: Image, turn_deg: float = 0.0, raise_deg: float = 0.0) -> SunCheck:
     rows = points_in_view(points, photo.sensor)
     stated = with_sun(photo, points.position_mcmf[rows], turn_deg, raise_deg)
-    matched = MatchedPoints(points, stated, SEARCHED, rows, np.zeros((len(rows), 2)), Criteria())
+    matched = MatchedPoints(
+        points, SearchImage.of(stated), SEARCHED, rows, np.zeros((len(rows), 2)), Criteria()
+    )
     return matched.check()
 
 
