@@ -17,6 +17,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ..constants import MOON_RADIUS_M
+from ..errors import DemError
 from ..geometry.bounds import Bounds
 from ..remote_files import url_of
 from .dem import Dem
@@ -29,10 +31,13 @@ log = logging.getLogger(__name__)
 _LEAST, _MOST = 2e-4, 2.0
 """Limits of a relief, per length of the side of a square with the area of the heights."""
 _KM, _KM_SIDE_M = 11.0, 5000.0
-"""Heights of the Moon in kilometres are within this range; over such a side, heights in metres are not."""
+"""Heights of the Moon in kilometres are within this range, and its radii as far from that of the sphere; over such a side,
+heights in metres are not.
+"""
 _FETCH = "an incomplete download; fetch the file again"
 ALL_ZERO = f"every pixel is zero: {_FETCH}"
-"""What is said of a file without any other height: `file_check` calls it unsound, others warn."""
+"""What is said of a file without any other height: `file_check` calls it unsound, a build refuses it, others warn."""
+_SEEN_ZERO = f"every pixel that was looked at is zero: {_FETCH}"
 
 
 def doubts(
@@ -44,17 +49,21 @@ def doubts(
     grid = dem.grid
     if low_m == high_m == 0.0 and known == pixels:
         whole = pixels == grid.width * grid.height
-        yield ALL_ZERO if whole else f"every pixel that was looked at is zero: {_FETCH}"
+        yield ALL_ZERO if whole else _SEEN_ZERO
         return
     area_km2 = known / pixels * grid.width * grid.height
     area_km2 *= float(pixel_km2(grid, 0.5 * (grid.width - 1), 0.5 * (grid.height - 1)))
     side_m, relief_m = 1e3 * math.sqrt(area_km2), high_m - low_m
     seen = f"heights from {low_m:.5g} to {high_m:.5g} m over {side_m / 1e3:.3g} km"
     cure = "(UNIT in a label; gdal_translate -a_scale {} for a GeoTIFF)"
+    radius_km, flat = 1e-3 * MOON_RADIUS_M, relief_m < _LEAST * side_m
     if relief_m > 0.0 and max(-low_m, high_m) <= _KM and side_m >= _KM_SIDE_M:
         yield f"{seen} look like kilometres; declare the unit {cure.format(1000)}"
-    elif not _LEAST * side_m <= relief_m <= _MOST * side_m:
-        how = "flatter" if relief_m < side_m * _LEAST else "steeper"
+    elif max(radius_km - low_m, high_m - radius_km) <= _KM and (flat or side_m >= _KM_SIDE_M):
+        declared = f"(gdal_translate -a_scale 1000 -a_offset {-MOON_RADIUS_M:.0f} for a GeoTIFF)"
+        yield f"{seen} look like radii in kilometres; declare the unit and the offset {declared}"
+    elif flat or relief_m > _MOST * side_m:
+        how = "flatter" if flat else "steeper"
         yield f"{seen} are {how} than any ground of the Moon; declare their unit {cure.format('FACTOR')}"
     declare = "declare it (MISSING_CONSTANT in a label; gdal_translate -a_nodata {} for a GeoTIFF)"
     if stuck.zeros:
@@ -81,6 +90,18 @@ def warn_of_doubts(dems: DemSet, box: Bounds, side: int = 256) -> None:
         if dem.grid.bounds.meets(box) and url_of(dem.path) is None:
             for text in _doubts_of(dem, side, dem.identity):
                 log.warning("%s: %s", dem.path, text)
+
+
+def refuse_zeros(dems: DemSet, box: Bounds, side: int) -> None:
+    """DemError for a local file in a box whose pixels are all zero. All of them are read where sample windows
+    (`warn_of_doubts`) hold no other height.
+    """
+    for dem in dems.dems:
+        if dem.grid.bounds.meets(box) and url_of(dem.path) is None:
+            texts, rows, cols = _doubts_of(dem, side, dem.identity), dem.grid.height, dem.grid.width
+            blocks = (dem.read(row, min(row + 64, rows), 0, cols) for row in range(0, rows, 64))
+            if {ALL_ZERO, _SEEN_ZERO} & {*texts} and not any(block.any() for block in blocks):
+                raise DemError(f"{dem.path}: {ALL_ZERO}")
 
 
 def warn_of_all_heights(dem: Dem, found: HeightStatistics | None) -> None:

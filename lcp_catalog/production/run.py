@@ -27,7 +27,7 @@ from ..catalog.stored import StoredFile, stored_catalog
 from ..dem.disagreements import warn_of_disagreements
 from ..dem.effective_resolution import WINDOW_PX
 from ..dem.mosaic import DemSet
-from ..dem.plausibility import warn_of_doubts
+from ..dem.plausibility import refuse_zeros, warn_of_doubts
 from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaError, AreaFailedError, ConfigError, OutputExistsError, SunError
 from ..photometry.facet_model import law_file
@@ -135,6 +135,7 @@ class Build:
         config.points.check_size(max(x1 - x0, y1 - y0))
         config = replace(config, sun=config.sun.at(most_poleward(region)))
         warn_of_disagreements(dems, region.bounds)
+        refuse_zeros(dems, region.bounds, WINDOW_PX)
         warn_of_doubts(dems, region.bounds, WINDOW_PX)
         if config.area.region is not None:
             warn_of_region(dems, region, config.area.gsd_m)

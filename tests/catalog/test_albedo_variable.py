@@ -65,7 +65,7 @@ def brightness_map(path: Path, west: float = 178.5, columns: int = 560) -> Path:
 def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Terrain without relief, from which no point can be made."""
     path = tmp_path_factory.mktemp("dem") / "ball.tif"
-    return geotiff(path, np.zeros((400, 600), np.float32), 178 * DEGREE_M, 12 * DEGREE_M, DEGREE_M / 100)  # fmt: skip
+    return geotiff(path, np.ones((400, 600), np.float32), 178 * DEGREE_M, 12 * DEGREE_M, DEGREE_M / 100)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -316,7 +316,7 @@ def flat_dem(path, rows, cols):
     with rasterio.open(
         path, "w", driver="GTiff", height=rows, width=cols, count=1, dtype="float32", **where
     ) as file:
-        file.write(np.zeros((1, rows, cols), np.float32))
+        file.write(np.ones((1, rows, cols), np.float32))
     return path
 
 

@@ -16,7 +16,8 @@ from rasterio.windows import Window
 
 from lcp_catalog.dem.file_check import check_dem
 from lcp_catalog.dem.mosaic import DemSet
-from lcp_catalog.dem.plausibility import warn_of_doubts
+from lcp_catalog.dem.plausibility import refuse_zeros, warn_of_doubts
+from lcp_catalog.errors import DemError
 from lcp_catalog.production.run import Build
 
 KILOMETRES, FLAT, STEEP = "look like kilometres", "are flatter than", "are steeper than"
@@ -77,6 +78,18 @@ def test_kilometres_are_told_from_metres_until_they_are_declared(
     assert said(written(tmp_path / "declared.tif", km, scale=1000.0)) == ()
 
 
+@pytest.mark.parametrize("side", [800, 16])
+def test_radii_in_kilometres_are_named_until_they_are_declared(
+    side: int, hadley: np.ndarray, tmp_path: Path
+) -> None:
+    """Of 90 km, and of 2 km, where 12 m of relief are possible."""
+    km = ((1_737_400.0 + hadley[:side, :side].astype(float)) / 1000.0).astype(np.float32)
+    (text,) = said(written(tmp_path / "radii.tif", km))
+    assert "look like radii in kilometres; declare the unit and the offset" in text
+    assert "gdal_translate -a_scale 1000 -a_offset -1737400 for" in text
+    assert said(written(tmp_path / "both.tif", km, scale=1e3, offset=-1_737_400.0)) == ()
+
+
 @pytest.mark.parametrize(
     ("factor", "pixel_m", "says"),
     [(1e-3, 1184.5, KILOMETRES), (5e-3, 1184.5, FLAT), (5e-3, 118.45, None), (1.0, 2.0, STEEP)],
@@ -102,6 +115,33 @@ def test_zeros_alone_are_one_line_in_the_words_of_the_check(
     dems = DemSet.open([path])
     warn_of_doubts(dems, dems.bounds, seen)
     assert [record.getMessage() for record in caplog.records] == [problem]
+
+
+@pytest.mark.parametrize("height", [0.0, 5.0, np.nan])
+def test_a_build_refuses_zeros_alone_when_it_has_read_them_all(
+    height: float, tmp_path: Path
+) -> None:
+    """The windows show zeros; one pixel between them may be another."""
+    zeros = np.zeros((800, 800), np.float32)
+    zeros[130, 130] = height
+    dems = DemSet.open([written(tmp_path / "zero.tif", zeros)])
+    if height:
+        refuse_zeros(dems, dems.bounds, 64)
+        return
+    with pytest.raises(DemError, match=r"zero\.tif: every pixel is zero: an incomplete download"):
+        refuse_zeros(dems, dems.bounds, 64)
+
+
+@pytest.mark.parametrize("more", [[], ["--plan"]])
+def test_an_incomplete_download_fails_before_the_build(
+    more: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = geotiff(tmp_path / "zero.tif", np.zeros((800, 800)), 70e3, 840e3, 118.45)
+    args = ["build-catalog", str(path), "-o", str(tmp_path / "out.h5"), *PLACE, "--size", "20"]
+    assert run([*args, *ONE_SUN, *more]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == f"lcp: {path}: every pixel is zero: an incomplete download; fetch the file again"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_missing_pixels_that_are_written_as_zeros(hadley: np.ndarray, tmp_path: Path) -> None:

@@ -247,12 +247,12 @@ class TestOrderIsHandedThrough:
             cylinder(tmp_path / f"{name}.tif", 9.0, 25.0, (64, 64), 16.0, surface)
             for name, surface in (
                 ("high", lambda o, a: 0.0 * o + 9.0),
-                ("low", lambda o, a: 0.0 * o),
+                ("low", lambda o, a: 0.0 * o + 1.0),
             )
         )
 
     @pytest.mark.parametrize(
-        ("order", "height_m"), [(None, 9.0), ("low", 0.0), ("LOW.tif,high", 0.0)]
+        ("order", "height_m"), [(None, 9.0), ("low", 1.0), ("LOW.tif,high", 1.0)]
     )
     def test_render(
         self, two: tuple[Path, ...], tmp_path: Path, order: str | None, height_m: float
