@@ -121,6 +121,10 @@ def test_the_image_has_the_cameras_size(all_three):
         (b"[" * 100_000, "is not JSON"),
         (b'{"instrument_pointing": {}}', "lacks name_model"),
         (b"VERSION_4\n", "lacks fu"),
+        (
+            b'{"images": [], "claims": {}}',
+            "is no camera: has none of the keys position_mcmf_m, .*; give a CAMERA",
+        ),
     ],
 )
 def test_refused_camera_files(tmp_path, content, says):
