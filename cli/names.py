@@ -12,6 +12,9 @@ from lcp_catalog.errors import NAMED
 _SUN = "`time_utc`, or `sun_azimuth_deg` and `sun_elevation_deg`, or `subsolar_deg`"
 """Options for the parameter ``sun``."""
 
+_BUILD = re.compile(r"`build_catalog` with `([a-z][\w.]*)`")
+"""A key of another build, as in `navigation.better_catalog`."""
+
 _UNIT = re.compile(r"_(deg|km|m|px|rad|utc|gb)$")
 
 
@@ -30,8 +33,16 @@ def in_options(text: str) -> str:
     """A message of the library with the options of the running command in place of the names in it. Of names
     that are no option of it, only the marks are removed.
     """
-    text = text.replace("`sun`", _SUN)
+    text = _BUILD.sub(_of_build, text.replace("`sun`", _SUN))
     return NAMED.sub(lambda found: option(found[1]) or found[1], text)
+
+
+def _of_build(found: re.Match[str]) -> str:
+    """How another build gets a field: by its option, or else by its configuration."""
+    from .build_options import OPTIONS  # imports the library's configuration: only for a message
+
+    known = OPTIONS.get(found[1])
+    return f"lcp build-catalog {known.flag if known else f'--config with {found[1]}'}"
 
 
 def option(name: str) -> str | None:

@@ -39,6 +39,9 @@ _LOW_DEG = 1.0
 _NAMED = 2
 """Catalogues that are named."""
 
+_BUILD = "`build_catalog` with"
+"""What a key of a build's configuration follows, which the command that tells of it may not have."""
+
 
 @dataclass(frozen=True, order=True)
 class Better:
@@ -101,7 +104,7 @@ def _elsewhere(catalog: Catalog, sensor: Sensor) -> str:
     own = _area(enclosing_bounds(lon, lon, lat.min(), lat.max())) if len(catalog) else 0.0
     price = f" at {_area(seen) / own:.3g} times the work" if own else ""
     box = " ".join(f"{one:.6g}" for one in seen)
-    return f"; a catalogue of what the image shows: `area.bounds_deg` {box}{price}"
+    return f"; a catalogue of what the image shows: {_BUILD} `area.bounds_deg` {box}{price}"
 
 
 def _area(box: Bounds) -> float:
@@ -130,17 +133,17 @@ def _changes(catalog: Catalog, points: FramePoints) -> Iterator[Better]:
     if counts["scale"] > least:
         pixel_m = float(np.median(points.pixel_m))
         work = (cell_m / pixel_m) ** 2
-        yield Better(work, f"`area.gsd_m` {pixel_m:.3g}", counts["scale"])
+        yield Better(work, f"{_BUILD} `area.gsd_m` {pixel_m:.3g}", counts["scale"])
     if (hidden := counts["shadow"] + counts["occlusion"]) > least:
         stated = tomllib.loads(catalog.config).get("points", {}).get("max_dependence")
         value = "higher" if stated is None else f"{min(1.0, 2.0 * stated):.2g}"
-        yield Better(1.0, f"`points.max_dependence` {value}", hidden)
+        yield Better(1.0, f"{_BUILD} `points.max_dependence` {value}", hidden)
     if counts["detection"] > least:
         if catalog.albedo_map is None:
             yield Better(1.0, "an albedo map", None)
-        yield Better(4.0, f"`area.gsd_m` {0.5 * cell_m:.3g}, if the DEM resolves it", None)
+        yield Better(4.0, f"{_BUILD} `area.gsd_m` {0.5 * cell_m:.3g}, if the DEM resolves it", None)
     if few := counts["usable"] + counts["edge"]:
-        yield Better(4.0, "half of `points.spacing_m`", 3 * few)
+        yield Better(4.0, f"{_BUILD} `points.spacing_m` halved", 3 * few)
 
 
 def _never(points: FramePoints) -> bool:
@@ -165,7 +168,9 @@ def _suns(catalog: Catalog, points: FramePoints, count: int) -> Iterator[Better]
     elif len(high):
         node = math.ceil(high.max())
     else:
-        azimuth = f"`sun.azimuths_deg` with {float(np.median(along)):.0f}"
+        azimuth = f"{_BUILD} `sun.azimuths_deg` that include {float(np.median(along)):.0f}"
         yield Better(1.0 + 1.0 / len(catalog.sun_azimuth), azimuth, count)
         return
-    yield Better(1.0 + 1.0 / len(suns), f"`sun.elevations_deg` with {node:g}", count)
+    yield Better(
+        1.0 + 1.0 / len(suns), f"{_BUILD} `sun.elevations_deg` that include {node:g}", count
+    )

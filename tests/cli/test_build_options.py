@@ -11,6 +11,7 @@ from lcp_cli.build_catalog import command
 from lcp_cli.build_options import OPTIONS, VIEWS, FieldOption, Spelling, build_options, field_option
 from lcp_cli.main import run
 from lcp_cli.names import in_options, runs
+from lcp_cli.validate import command as validate
 
 from lcp_catalog.errors import NAMED, ConfigError
 from lcp_catalog.fields import meanings
@@ -122,6 +123,19 @@ def test_a_message_names_the_options_of_the_command() -> None:
     finally:
         runs(None)
     assert in_options("`points.spacing_m`") == "points.spacing_m"
+
+
+def test_a_key_of_another_build_is_an_option_of_build_catalog() -> None:
+    """`lcp validate --gsd` is the scale of its windows, and `lcp query` has no --bounds."""
+    runs(validate)
+    try:
+        for field, spelling in OPTIONS.items():
+            said = in_options(f"take `build_catalog` with `{field}` 50, not `area.gsd_m` 60")
+            assert said == f"take lcp build-catalog {spelling.flag} 50, not --gsd 60"
+        said = in_options("`build_catalog` with `points.max_dependence` 0.5")
+        assert said == "lcp build-catalog --config with points.max_dependence 0.5"
+    finally:
+        runs(None)
 
 
 def test_a_key_of_a_file_is_named_as_it_stands_there(

@@ -163,7 +163,10 @@ def test_a_trajectory_is_a_list_by_time(here: Path, capsys: Any) -> None:
     assert Path("way.svg").read_text(encoding="utf-8").startswith("<svg xmlns")
     text, _ = said(line, capsys)
     assert len(text.splitlines()) == 1 + 3 + 3
-    assert "2026-01-27T02:00:00: a catalogue of what the image shows: area.bounds_deg " in text
+    assert (
+        "2026-01-27T02:00:00: a catalogue of what the image shows: lcp build-catalog --bounds "
+        in text
+    )
     both, _ = said(f"{line} --json -o again.csv", capsys)
     assert json.loads(both) == found
     assert Path("again.csv").read_bytes() == Path("way_out.csv").read_bytes()

@@ -55,8 +55,8 @@ def test_a_sun_outside_the_table_is_priced(
     seen = len(points_in_view(catalog, camera(ABOVE)))
     assert f"; of {seen} points in view 0 are usable here (else sun {seen}): " in text
     price = 1.0 + 1.0 / len(catalog.sun_elevation)
-    more = f"`sun.elevations_deg` with {node}, for at most {seen} points more, at {price:.3g} times"
-    assert text.endswith(f"a catalogue that may have more: {more} the work")
+    more = f"`build_catalog` with `sun.elevations_deg` that include {node}, for at most {seen} points more"
+    assert text.endswith(f"a catalogue that may have more: {more}, at {price:.3g} times the work")
 
 
 def test_a_sun_that_sets_within_the_image_is_priced_for_the_points_by_day(
@@ -70,7 +70,7 @@ def test_a_sun_that_sets_within_the_image_is_priced_for_the_points_by_day(
     above = np.degrees(np.arcsin(up @ planned.sun))
     assert above.min() < 1.0 < above.max()
     by_day = np.count_nonzero(above >= 1.0)
-    assert f"`sun.elevations_deg` with 1, for at most {by_day} points more, at " in text
+    assert f"`sun.elevations_deg` that include 1, for at most {by_day} points more, at " in text
 
 
 def test_no_catalogue_helps_under_a_sun_below_the_horizon(catalog: Catalog) -> None:
@@ -125,7 +125,9 @@ def test_unlikely_detection_names_finer_cells_and_brightness() -> None:
     cheap, dear = text.split(": ")[-1].split("; ")
     assert cheap.startswith("an albedo map, whose effect only a build can tell, at 1 times")
     half = 0.5 * float(np.median(poor.gsd))
-    assert dear.startswith(f"`area.gsd_m` {half:.3g}, if the DEM resolves it, ")
+    assert dear.startswith(
+        f"`build_catalog` with `area.gsd_m` {half:.3g}, if the DEM resolves it, "
+    )
 
 
 def test_few_points_need_a_smaller_spacing() -> None:
@@ -133,7 +135,7 @@ def test_few_points_need_a_smaller_spacing() -> None:
     text = told(few, camera(ABOVE))
     seen = len(points_in_view(few, camera(ABOVE)))
     assert seen
-    more = f"half of `points.spacing_m`, for at most {3 * seen} points more, at 4 times the work"
+    more = f"`build_catalog` with `points.spacing_m` halved, for at most {3 * seen} points more, at 4 times the work"
     assert text == f"; of {seen} points in view {seen} are usable here: a catalogue that may have more: {more}"  # fmt: skip
 
 
@@ -141,7 +143,7 @@ def test_a_camera_elsewhere_needs_a_catalogue_of_its_ground(catalog: Catalog) ->
     """The price is that of the areas; one that looks at the sky by a mistake of its file needs none."""
     text = told(catalog, camera(EnuFrame(40.0, 10.0)))
     start, _, rest = text.partition("`area.bounds_deg` ")
-    assert start == "; a catalogue of what the image shows: "
+    assert start == "; a catalogue of what the image shows: `build_catalog` with "
     *numbers, _, price, _, _, _ = rest.split()
     west, south, east, north = map(float, numbers)
     assert west < 40.0 < east
