@@ -27,9 +27,13 @@ _WALL_FACTOR = 10.0
 
 _OUT_OF_MEMORY = 3
 
+_LINE = 300
+"""Characters of an error's last line that are told."""
+
 _FRESH = """\
-import json, sys
+import json, os, sys
 sys.path[:] = json.loads(sys.argv[1])
+sys.excepthook = lambda kind, error, _: os.write(1, f"{kind.__name__}: {error}".encode())
 from lcp_catalog.child_process import run_by_name
 run_by_name(json.loads(sys.argv[2]))
 """
@@ -108,6 +112,8 @@ def run_by_name(given: Sequence[Any]) -> NoReturn:
         code = 0
     except MemoryError:
         code = _OUT_OF_MEMORY
+    except Exception as error:
+        os.write(1, f"\n{type(error).__name__}: {' '.join(str(error).split())}".encode())
     finally:
         os._exit(code)
 
@@ -188,6 +194,8 @@ def _result(content: bytes, status: int, seconds: float, memory_mb: float) -> An
     if code == _OUT_OF_MEMORY:
         most = _least(resource.RLIMIT_AS, int(memory_mb * 1e6))
         raise ChildFailedError(f"needs more than {most / 1e6:.0f} MB of memory")
-    raise ChildFailedError(
-        f"crashed with signal {-code}" if code < 0 else f"ended with code {code}"
-    )
+    if code < 0:
+        raise ChildFailedError(f"crashed with signal {-code}")
+    lines = content.decode("utf-8", "replace").splitlines()
+    why = f" ({lines[-1][:_LINE]})" if lines else ""
+    raise ChildFailedError(f"ended with code {code}{why}")

@@ -32,8 +32,11 @@ def test_a_result_of_many_bytes_comes_back() -> None:
         (misbehaviour.crash, "crashed with signal 11"),
         pytest.param(misbehaviour.loop, "takes more than 1 s", marks=pytest.mark.slow),
         (misbehaviour.hoard, "needs more than 200 MB of memory"),
-        (misbehaviour.fail, "ended with code 1"),
-        (misbehaviour.leave, "ended with code 7"),
+        (
+            misbehaviour.fail,
+            r"ended with code 1 \(ValueError: invalid literal for int\(\) with base 10: 'x'\)$",
+        ),
+        (misbehaviour.leave, "ended with code 7$"),
     ],
 )
 def test_what_goes_wrong_is_said(
@@ -42,6 +45,13 @@ def test_what_goes_wrong_is_said(
     with pytest.raises(ChildFailedError, match=says):
         call_apart(function, "x", 1.0, memory_mb=200.0)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_child_that_lacks_this_package_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(child_process, "_single_thread", lambda: False)
+    monkeypatch.setattr(sys, "path", [])
+    with pytest.raises(ChildFailedError, match=r"code 1 \(ModuleNotFoundError: No module named"):
+        call_apart(misbehaviour.leave, "x", 5.0)
 
 
 _LIMITED = """
