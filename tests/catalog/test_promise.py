@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +71,13 @@ def test_the_figures_are_those_of_a_count(catalog: Catalog, path: Path) -> None:
     assert worst["places"] == np.count_nonzero(told.cause[:, 0, 1, 2] != NO_CELL)
 
 
+def _tile(page: str, words: str) -> str:
+    """The figure above words in the first lines of a page; empty if they are not there."""
+    text = " ".join(unescape(page).split())
+    found = re.search(rf"<strong>([^<]*)</strong><span>[^<]*{re.escape(words)}", text)
+    return found[1] if found else ""
+
+
 def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> None:
     lines = dict(summary_rows(describe(path)))
     assert lines["promise"].startswith("2 usable points in every footprint of 40 km: kept in ")
@@ -76,7 +85,15 @@ def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> No
     assert "What is promised" in page
     assert "(dark)" in page
     assert "located, at least" in page  # by Sun
-    assert "What is promised" not in render_report(plain, "p.h5")
+    kept = 100.0 * np.mean(catalog.promise.cause[catalog.promise.cause != NO_CELL] == Cause.MET)
+    cells = (
+        f"cells with heights, {catalog.coverage.spacing_m / 1e3:.3g} km wide, have a control point"
+    )
+    assert _tile(page, "places, views and Suns: frames of 40 km have what is pr") == f"{kept:.1f} %"
+    assert _tile(page, f"{cells}; points are chosen for frames")
+    alone = render_report(plain, "p.h5")
+    assert "What is promised" not in alone
+    assert _tile(alone, f"{cells}<")
     assert kept_promise(plain) is None
 
 
