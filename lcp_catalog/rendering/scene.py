@@ -86,11 +86,13 @@ def require_visible(scene: Scene, result: Rendering) -> Rendering:
         raise CameraError(f"{camera.name}: the camera sees nothing of the area")
     seen = np.asarray(result.visible, dtype=np.bool_)
     if seen.any() and not np.any(result.radiance[seen] > 0.0):
-        first = scene.light.first
+        name, up = scene.light.first.name, float(scene.light.first.direction.vector[2])
         log.warning(
-            "nothing of the ground in the image is lit: terrain hides the %s, which is at an elevation of %.2f deg "
-            "at the area's centre; the ground is black",
-            first.name,
-            math.degrees(math.asin(min(max(first.direction.vector[2], -1.0), 1.0))),
+            "nothing of the ground in the image is lit: %s at an elevation of %.2f deg at the area's centre; the ground is "
+            "black",
+            f"terrain hides the {name}, which is"
+            if up > 0.0
+            else f"the {name} is below the horizon,",
+            math.degrees(math.asin(min(max(up, -1.0), 1.0))),
         )
     return result

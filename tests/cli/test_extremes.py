@@ -221,3 +221,10 @@ def test_ground_without_light_is_warned_of(tmp_path, caplog):
     assert (read(out)[0]["sunlit"] == 0.0).all()
     (said,) = caplog.messages
     assert "terrain hides the Sun, which is at an elevation of 3.00 deg" in said
+    caplog.clear()
+    assert (
+        run(["render", dem, *area, "--sun-elevation", "-0.3", "-o", str(out), "--overwrite"]) == 0
+    )
+    (said,) = caplog.messages
+    assert "lit: the Sun is below the horizon, at an elevation of -0.30 deg at the area's" in said
+    assert "hides" not in said
