@@ -47,7 +47,8 @@ def _field(hint: Any, meaning: Meaning) -> dict[str, Any]:
         found = {"type": _KINDS[hint]} | limits
         if meaning.choices:
             found["enum"] = list(meaning.choices)
-    return found | {"description": meaning.text.replace("`", "")}
+    text = f"{meaning.text} Default: {meaning.default}." if meaning.default else meaning.text
+    return found | {"description": text.replace("`", "")}
 
 
 def build() -> dict[str, Any]:
