@@ -50,8 +50,8 @@ wheel: $(READY) ## source distribution, wheel, and wheel with compiled kernels f
 evidence: $(READY) ## photographs and simulated frames: what is claimed against what happens (LCP_SHARED_DATA: their folder)
 	$(BIN)/python -m benchmarks.evidence all
 
-bench: $(READY) ## rates of terrain, light and matching; plans and areas of the whole Moon
-	$(BIN)/python -m benchmarks.speed kernels
+bench: $(READY) ## points matched a second; plans and areas of the whole Moon
+	$(BIN)/python -m benchmarks.speed matching
 	$(BIN)/python -m benchmarks.speed scale
 
 bench-build: $(READY) ## a build by stage, beside a plain and a strong pipeline and beside another commit

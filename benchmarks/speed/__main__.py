@@ -5,7 +5,7 @@ import sys
 from benchmarks.sections import run
 
 SECTIONS = {
-    "kernels": "terrain, light, matching: rates, and ratios to plain programs",
+    "matching": "points a second, and their search beside OpenCV's",
     "build": "areas by stage beside a straightforward pipeline; whole builds beside another commit",
     "peers": "shadows, sweeps and camera rays beside Mitsuba and Embree",
     "render": "lcp render as a whole process beside a minimal Embree script",

@@ -21,7 +21,6 @@ import numpy as np
 from benchmarks import sections
 from benchmarks.commands import lcp
 from benchmarks.markdown import table
-from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.memory import peak_mb
@@ -31,7 +30,7 @@ from lcp_catalog.production.config import AreaConfig, BuildConfig
 from lcp_catalog.production.finished_area import table_of
 from lcp_catalog.production.run import Build
 from lcp_catalog.threads import limit_threads
-from tests.helpers import many_points, merges
+from tests.helpers import many_points
 from tests.helpers.virtual_moon import virtual_moon
 
 PIXELS_PER_DEGREE = 512
@@ -104,31 +103,18 @@ def _areas(files: list[Path], count: int) -> None:
     print(f"{areas} areas, about {areas * float(np.mean(points)):,.0f} points")
 
 
-CONFIG = """
-[area]
-bounds_deg = [{}, -60.0, {}, 60.0]
-gsd_m = 118.0
-[points]
-patch_nodes = 9
-spacing_m = 8000.0
-search_m = 7552.0
-"""
-
-
 def _catalog(folder: Path, points: int) -> str:
     """Processor time and peak memory of commands that read a synthetic catalogue (patches of 5 x 5 nodes, 2 image scales,
-    2 views, 5 x 12 Suns), another with other heights and ids, and two parts that overlap by a ninth.
+    2 views, 5 x 12 Suns), and another with other heights and ids.
     """
-    names = ("large", "other", "west", "east", "merged")
-    path, other, west, east, merged = (folder / f"{name}.h5" for name in names)
-    _apart(_written, path, other, west, east, points)
+    path, other = folder / "large.h5", folder / "other.h5"
+    _apart(_written, path, other, points)
     page = str(folder / "report.html")
     commands: list[tuple[int, list[object]]] = [
         (0, ["inspect", path]),
         (0, ["report", path, "-o", page]),
         (0, ["export", path, "-o", folder / "x.csv"]),
         (4, ["diff", path, other]),
-        (0, ["merge", west, east, "-o", merged]),
     ]
     rows = []
     for good, words in commands:
@@ -139,22 +125,12 @@ def _catalog(folder: Path, points: int) -> str:
     return table([f"{points} points, {size_mb:.0f} MB", "s", "peak memory, MB"], rows)
 
 
-def _written(path: Path, other: Path, west: Path, east: Path, points: int) -> list[str]:
-    """Write the catalogues."""
+def _written(path: Path, other: Path, points: int) -> list[str]:
+    """Write both catalogues."""
     write_catalog(many_points.catalog(points), path)
     catalog = open_catalog(path, check=False)
     dem = catalog.dem + np.float32(1.0)
     dem[:, catalog.patch_nodes // 2, catalog.patch_nodes // 2] = 0.0
     moved = np.arange(len(catalog)) % 10 == 0
     write_catalog(replace(catalog, dem=dem, point_id=catalog.point_id + 10**9 * moved), other)
-    write_catalog(_part(catalog, 0.0, 200.0), west)
-    write_catalog(_part(catalog, 160.0, 359.999), east)
     return []
-
-
-def _part(catalog: Catalog, west: float, east: float) -> Catalog:
-    """The points between two meridians, under the ids of their places."""
-    found = catalog.within(west, -60.0, east, 60.0)
-    found = merges.moved(found, found.longitude, found.latitude)
-    cells = replace(found.coverage, spacing_m=8000.0)
-    return replace(found, coverage=cells, config=CONFIG.format(west, east))
