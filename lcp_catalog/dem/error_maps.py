@@ -198,12 +198,10 @@ _STEP_PX = 256
 
 @dataclass(frozen=True)
 class HeightErrors:
-    """1 sigma and correlation length of height errors, metres, and their sources."""
+    """1 sigma and correlation length of height errors, metres."""
 
     sigma_m: float
     length_m: float
-    sigma_source: str
-    length_source: str
 
 
 def errors_of_file(dem: Dem) -> HeightErrors:
@@ -213,32 +211,15 @@ def errors_of_file(dem: Dem) -> HeightErrors:
     """
     facts, found = dem.facts, dem.effective_resolution
     resolution_m = found.resolution_m if found.is_measured else dem.gsd_m
-    if facts.calibrated_sigma_m is not None:
-        sigma = facts.calibrated_sigma_m, facts.calibration
-    elif facts.sigma_m is not None:
-        sigma = facts.sigma_m, f"{facts.family}: {facts.source}"
-    else:
-        step_m = height_step_m(dem)
-        sigma = (
-            math.hypot(SIGMA_PER_RESOLUTION * resolution_m, step_m / math.sqrt(12.0)),
-            f"no figure is known: {100 * SIGMA_PER_RESOLUTION:g} % of the {resolution_m:.4g} m that the heights resolve, "
-            f"and their steps of {step_m:.3g} m",
-        )
+    sigma_m = facts.sigma_m if facts.calibrated_sigma_m is None else facts.calibrated_sigma_m
+    if sigma_m is None:
+        rounding_m = height_step_m(dem) / math.sqrt(12.0)
+        sigma_m = math.hypot(SIGMA_PER_RESOLUTION * resolution_m, rounding_m)
     if facts.calibrated_length_m is not None:
-        length = facts.calibrated_length_m, facts.calibration
-    elif found.is_measured:
-        length = (
-            LENGTH_PER_RESOLUTION * found.resolution_m,
-            f"half of the resolution of the heights: {found.how}",
-        )
-    elif facts.resolution_m is not None:
-        length = (
-            LENGTH_PER_RESOLUTION * max(facts.resolution_m, dem.gsd_m),
-            "half of the published resolution",
-        )
-    else:
-        length = LENGTH_PER_RESOLUTION * dem.gsd_m, "half of the posting: no resolution is known"
-    return HeightErrors(sigma[0], length[0], sigma[1], length[1])
+        return HeightErrors(sigma_m, facts.calibrated_length_m)
+    if not found.is_measured and facts.resolution_m is not None:
+        resolution_m = max(facts.resolution_m, dem.gsd_m)
+    return HeightErrors(sigma_m, LENGTH_PER_RESOLUTION * resolution_m)
 
 
 def height_step_m(dem: Dem) -> float:

@@ -16,9 +16,9 @@ class ProductFacts:
     """Facts about a family of products: ``abs_latitude_use`` degrees at which the method uses it,
     ``sigma_m`` 1 sigma of a height, ``resolution_m`` the effective resolution on the surface; None
     if nothing is published. ``calibrated_sigma_m``, ``calibrated_length_m``: 1 sigma and correlation
-    length of height errors that explain images of the ground, ``calibration`` their source; None
-    without a calibration. ``filled_beyond_deg``: north and south of this latitude the heights are
-    those of ``filled_with``; None if all heights are the product's own.
+    length of height errors that explain images of the ground; None without a calibration.
+    ``filled_beyond_deg``: north and south of this latitude the heights are those of ``filled_with``;
+    None if all heights are the product's own.
     """
 
     family: str
@@ -28,7 +28,6 @@ class ProductFacts:
     source: str = "nothing published is known"
     calibrated_sigma_m: float | None = None
     calibrated_length_m: float | None = None
-    calibration: str = ""
     filled_beyond_deg: float | None = None
     filled_with: str = ""
 
@@ -70,8 +69,6 @@ PLACE_PER_LENGTH = 38.0 / 530.0
 """1 sigma of a patch's place over the correlation length of height errors, as fitted for GLD100 with frames of Apollo 15,
 together with `production.error_config.ErrorConfig.moving_share`; with maps of Apollo 16 it is 150 of 1420 m."""
 
-_APOLLO_15 = "fitted to the Apollo 15 frames AS15-M-0414 and AS15-M-0295 on cells of 474 m (validation.error_fit)"
-
 _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
     (re.compile(pattern, re.I), facts)
     for pattern, facts in (
@@ -99,9 +96,9 @@ _FAMILIES: tuple[tuple[re.Pattern[str], ProductFacts], ...] = tuple(
                 20.0,
                 300.0,
                 _SCHOLTEN_2012,
+                # fitted to AS15-M-0414 and AS15-M-0295 on cells of 474 m (validation.error_fit)
                 24.5,
                 530.0,
-                _APOLLO_15,
                 79.0,
                 "LOLA",
             ),

@@ -104,20 +104,18 @@ def sky_at_nodes(
     view: View,
     model: Reflectance,
     accuracy: Accuracy,
-    shadows: bool = True,
 ) -> NDArray[np.float32]:
     """Radiance (rows, cols) of the core's nodes under the sky alone, for nodes that face the view;
-    NaN without a normal. ``shadows=False``: terrain hides no part of the sky.
+    NaN without a normal.
     """
     row0, row1, col0, col1 = terrain.core
     out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
     samples = samples_of(panorama, accuracy)
-    hiding = TIERS[accuracy.sky_tier] if shadows else None
     step = max(1, _BLOCK_NODES // max(1, col1 - col0))
     for row in range(row0, row1, step):
         window = (row, min(row + step, row1), col0, col1)
         block = out[row - row0 : window[1] - row0]
-        lights = _over_nodes(terrain, samples, window, hiding)
+        lights = _over_nodes(terrain, samples, window, TIERS[accuracy.sky_tier])
         normals, light = terrain.field.normals(window), samples.irradiance
         if not isinstance(view, CameraView) and not accuracy.float64:
             planes, camera = planes_of(normals), np.asarray(view.direction, dtype=np.float64)
@@ -144,7 +142,6 @@ def sky_at_points(
     at: SurfacePoints,
     model: Reflectance,
     accuracy: Accuracy,
-    shadows: bool = True,
 ) -> Array:
     """Radiance (n,) at n points of the surface, each seen in its own direction. In draft and standard,
     the visible sky is interpolated between the surrounding nodes; otherwise it is traced from each
@@ -156,7 +153,7 @@ def sky_at_points(
     samples, points_m = samples_of(panorama, accuracy), at.points_m
     code, numbers = model.code, model.numbers
     normals, towards = np.ascontiguousarray(at.normals), np.ascontiguousarray(at.towards)
-    if shadows and accuracy.sky_tier == "draft":
+    if accuracy.sky_tier == "draft":
         field = terrain.field
         u = (points_m[:, 0] - field.x0_m) / field.gsd_m
         v = (field.y0_m - points_m[:, 1]) / field.gsd_m
@@ -171,7 +168,7 @@ def sky_at_points(
     for k in range(len(samples.azimuths)):
         directions = samples.directions(k)
         dark = np.zeros((len(directions), len(points)), dtype=np.uint8)
-        for n, direction in enumerate(directions if shadows else ()):
+        for n, direction in enumerate(directions):
             dark[n] = points.occluded(direction)
         kernel.add_to_nodes(
             normals, towards, directions, dark, samples.irradiance, code, numbers, total
@@ -186,18 +183,14 @@ def _cameras(view: View, points_m: Array) -> Array:
 
 
 def _over_nodes(
-    terrain: Terrain, samples: SkySamples, window: Window, hiding: Accuracy | None
+    terrain: Terrain, samples: SkySamples, window: Window, hiding: Accuracy
 ) -> Iterator[tuple[Array, NDArray[np.uint8]]]:
     """For each azimuth: directions (e, 3), and a mask (e, rows, cols) of the nodes of the window
-    from which terrain hides them; without ``hiding`` nothing is hidden.
+    from which terrain hides them, by the tier ``hiding``.
     """
-    row0, row1, col0, col1 = window
-    nothing = np.zeros((samples.elevations.shape[1], row1 - row0, col1 - col0), dtype=np.uint8)
     for k, azimuth in enumerate(samples.azimuths):
-        dark = nothing
-        if hiding is not None:
-            rise = samples.elevations[k]
-            dark = occluded_sweep(terrain.field, float(azimuth), rise, hiding, window, terrain.far)
+        rise = samples.elevations[k]
+        dark = occluded_sweep(terrain.field, float(azimuth), rise, hiding, window, terrain.far)
         yield samples.directions(k), np.ascontiguousarray(dark)
 
 

@@ -114,12 +114,11 @@ class Rendering:
 
 @dataclass(frozen=True)
 class Method:
-    """How terrain is rendered. ``shadows``: False leaves out cast shadows, not attached shadow. ``disc``:
-    True for the disc of a Sun that is given as a direction. ``plan``: None: made for the scene.
+    """How terrain is rendered. ``disc``: True for the disc of a Sun that is given as a direction. ``plan``: None: made
+    for the scene.
     """
 
     model: Reflectance = DEFAULT_MODEL
-    shadows: bool = True
     accuracy: Accuracy = TIERS["reference"]
     disc: bool = False
     plan: ScenePlan | None = None
@@ -249,7 +248,7 @@ class _Shot:
         if self.light.sky is not None:
             at = SurfacePoints(points[seen], normals[seen], -rays[seen])
             bands[0][seen] += timed("sky light")(sky_at_points)(
-                terrain, self.light.sky, at, model, self.how.accuracy, self.how.shadows
+                terrain, self.light.sky, at, model, self.how.accuracy
             )
         if self.plan.bounces:
             dark = seen & (sunlit == 0.0)
@@ -272,13 +271,10 @@ class _Shot:
         """The sources, each with True if cast shadows are computed for it. The plan decides about shadow
         and disc of the first source; for the others both are always modelled.
         """
-        disc, shadows = self.plan.solar_disc.modelled, self.how.shadows
+        disc = self.plan.solar_disc.modelled
         first = self.light.first if disc else replace(self.light.first, disc=None)
         modelled = disc or self.plan.cast_shadows.modelled
-        return [
-            (first, shadows and modelled),
-            *((source, shadows) for source in self.light.others),
-        ]
+        return [(first, modelled), *((source, True) for source in self.light.others)]
 
     @timed("cast shadows")
     def _share_at_nodes(self, source: LightSource, shadows: bool) -> Band:
@@ -354,7 +350,7 @@ class _Shot:
         sky, how = self.light.sky, self.how
         if sky is None:
             return np.float32(0.0)
-        return sky_at_nodes(self.terrain, sky, view, how.model, how.accuracy, how.shadows)
+        return sky_at_nodes(self.terrain, sky, view, how.model, how.accuracy)
 
     @timed(SCATTERED)
     def _bounced(self, at: SurfacePoints) -> Array:

@@ -198,15 +198,12 @@ edges of a footprint are then wrong by at most an eighth of its width.
 @dataclass(frozen=True, eq=False)
 class Ortho:
     """An image at terrain nodes (rows, cols): ``signal``, NaN where ``weight`` is 0; ``weight``
-    0..1; ``pixels`` (rows, cols, 2), the projections of the nodes, NaN where there is none;
-    ``footprint_px``, the longer side of the typical footprint, above 1 if the image is finer than
-    the terrain.
+    0..1; ``pixels`` (rows, cols, 2), the projections of the nodes, NaN where there is none.
     """
 
     signal: Array
     weight: Array
     pixels: Array
-    footprint_px: float
 
 
 def terrain_nodes(terrain: Terrain) -> Array:
@@ -234,11 +231,10 @@ def orthorectify(image: Image, nodes_mcmf_m: ArrayLike, visible: ArrayLike | Non
         seen &= np.asarray(visible, dtype=np.bool_)
     down, right = (_steps(pixels, axis) for axis in (0, 1))
     seen &= np.isfinite(down[..., 0]) & np.isfinite(right[..., 0])
-    narrow, wide = _footprints_px(down, right, seen)
-    factor = max(1, math.floor(narrow / _FINE_PX))
+    factor = max(1, math.floor(_narrow_px(down, right, seen) / _FINE_PX))
     at, down, right = (pixels + 0.5) / factor - 0.5, down / factor, right / factor
     signal, weight = _means(image.reduced(factor), seen, at, down, right)
-    return Ortho(signal, weight, pixels, wide)
+    return Ortho(signal, weight, pixels)
 
 
 def _steps(pixels: Array, axis: int) -> Array:
@@ -255,13 +251,10 @@ def _steps(pixels: Array, axis: int) -> Array:
     return np.moveaxis(both, 0, axis)
 
 
-def _footprints_px(down: Array, right: Array, seen: Mask) -> tuple[float, float]:
-    """5th percentile and median of the longer sides of the footprints, pixels; 0 without visible
-    nodes.
-    """
+def _narrow_px(down: Array, right: Array, seen: Mask) -> float:
+    """5th percentile of the longer sides of the footprints, pixels; 0 without visible nodes."""
     longer = np.maximum(np.linalg.norm(down, axis=-1), np.linalg.norm(right, axis=-1))[seen]
-    narrow, wide = np.percentile(longer, [5, 50]) if longer.size else (0.0, 0.0)
-    return float(narrow), float(wide)
+    return float(np.percentile(longer, 5)) if longer.size else 0.0
 
 
 def _means(image: Image, seen: Mask, at: Array, down: Array, right: Array) -> tuple[Array, Array]:

@@ -76,6 +76,12 @@ def everything(plan, view, disc):
     return replace(plan, **{n: replace(getattr(plan, n), modelled=True) for n in modelled})
 
 
+def without_shadows(terrain, sun, view):
+    """The plan of a point Sun that casts no shadow."""
+    plan = plan_scene(terrain, sun, view)
+    return replace(plan, cast_shadows=replace(plan.cast_shadows, modelled=False))
+
+
 def both(terrain, sun, view, accuracy=REFERENCE, disc=False, **how):
     """The plan, the render by it, and the render of everything."""
     plan = plan_scene(terrain, sun, view, accuracy=accuracy, disc=disc)

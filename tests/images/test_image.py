@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
+from helpers.random_scenes import without_shadows
 
 from lcp_catalog.cameras.camera_file import read_camera
 from lcp_catalog.constants import MOON_RADIUS_M
@@ -108,7 +109,8 @@ def test_render_correlates_with_the_image(ground):
 
 def test_without_cast_shadows_it_is_clearly_worse(scene, ground):
     image, render, compared = ground
-    lit = score(image, rendered(scene, shadows=False), compared)
+    plan = without_shadows(scene.terrain, scene.sun.vector, scene.view)
+    lit = score(image, rendered(scene, plan=plan), compared)
     with_shadows = score(image, render, compared)
     assert lit.above < with_shadows.above - 0.08
     assert lit.above_textured < with_shadows.above_textured - 0.15

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.random_scenes import without_shadows
 from helpers.twins import in_cells, node_margins, node_margins_to
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -163,7 +164,9 @@ def test_dark_is_zero_and_unseen_is_nan():
 def test_without_cast_shadows_attached_ones_stay():
     terrain, sun = make(hills()), direction_enu(100.0, 8.0)
     full = render_enu(terrain, sun, nadir_view())
-    attached = render_enu(terrain, sun, nadir_view(), Method(shadows=False))
+    attached = render_enu(
+        terrain, sun, nadir_view(), Method(plan=without_shadows(terrain, sun, nadir_view()))
+    )
     assert (attached.sunlit == (attached.incidence_deg < 90)).all()
     assert (full.sunlit <= attached.sunlit).all()
     assert (full.sunlit < attached.sunlit).sum() > 50

@@ -81,7 +81,6 @@ def test_smooth_ground_is_a_sphere_and_rough_ground_is_not():
         ({"sphere_may_do": False}, "nobody asked"),
         ({"accuracy": TIERS["high"]}, "no node may be wrong"),
         ({"accuracy": TIERS["reference"]}, "no node may be wrong"),
-        ({"everything": True}, "nothing is left out"),
         ({"sun": direction_enu(100.0, 0.05)}, "a Sun so low changes brightness"),
         ({"terrain": ground(0.0, hole=True)}, "nodata is never rendered"),
         ({"terrain": ground(0.0, -2000.0), "view": oblique_view(60.0, 0.0, 1e6)}, "it is shifted"),
