@@ -47,7 +47,7 @@ def ran(
     second; Python keeps compiled modules, as for users. SystemExit with its message for another exit code than ``good``.
     """
     _adopt_orphans()
-    known, peaks = set(_children(os.getpid())), dict[int, float]()
+    known, peaks = set(children(os.getpid())), dict[int, float]()
     start, before = time.perf_counter(), os.times()
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder,
@@ -68,7 +68,7 @@ def ran(
     watcher.join()
     if process.returncode != good:
         raise SystemExit(said)
-    for orphan in set(_children(os.getpid())) - known:
+    for orphan in set(children(os.getpid())) - known:
         with contextlib.suppress(ChildProcessError):
             os.waitpid(orphan, 0)
     after = os.times()
@@ -85,7 +85,7 @@ def _adopt_orphans() -> None:
         ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
-def _children(number: int) -> list[int]:
+def children(number: int) -> list[int]:
     """The processes that a process has started. Nothing of one that has ended."""
     try:
         tasks = list(Path(f"/proc/{number}/task").iterdir())
@@ -96,7 +96,7 @@ def _children(number: int) -> list[int]:
 
 def _family(number: int) -> list[int]:
     """A process and all below it."""
-    return [number, *(each for child in _children(number) for each in _family(child))]
+    return [number, *(each for child in children(number) for each in _family(child))]
 
 
 def _peak_mb(number: int) -> float:

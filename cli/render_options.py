@@ -108,11 +108,9 @@ class RenderOptions:
                 f"--size {self.size_km:g}: a DEM is rendered up to {HEIGHTFIELD_SIZE_MAX_KM:g} km wide; for wider "
                 "areas: --surface sphere"
             )
-        self.sun.beside(self.light.environment, self.disc)
-        lit_by_map = self.light.environment is not None
-        if lit_by_map and self.earthshine:
-            raise click.UsageError("--environment excludes --earthshine")
-        if self.view.shadow_catcher is not None and not (self.view.background or lit_by_map):
+        self.sun.beside(self.light.environment, self.disc, self.earthshine)
+        behind = self.view.background or self.light.environment
+        if self.view.shadow_catcher is not None and behind is None:
             raise click.UsageError(
                 "--shadow-catcher needs --background IMAGE or --environment PANORAMA"
             )

@@ -16,26 +16,18 @@ from benchmarks.timing import in_turn, ratio
 from lcp_catalog.production import area_job
 
 
-def result(lon: list[float], flags: list[list[int]], detection: float = 0.5) -> Places:
+def result(lon: list[float], flags: list[list[int]]) -> Places:
     """Candidates on the equator with flags (n, conditions)."""
-    condition = np.array(flags, np.uint8)
-    values = np.full(condition.shape, detection, np.float32)
-    evaluation = SimpleNamespace(
-        condition=condition, detection=values, sigma_major_m=100.0 * values
-    )
+    evaluation = SimpleNamespace(condition=np.array(flags, np.uint8))
     return Places(np.array(lon), np.zeros(len(lon)), evaluation)
 
 
 def test_candidates_are_paired_by_place_and_their_flags_compared() -> None:
-    before = result([1.0, 2.0, 3.0], [[31, 31, 0], [1, 29, 31], [31, 31, 31]], 0.5)
-    now = result([2.0, 1.0, 4.0], [[1, 31, 31], [31, 30, 0], [31, 31, 31]], 0.625)
+    before = result([1.0, 2.0, 3.0], [[31, 31, 0], [1, 29, 31], [31, 31, 31]])
+    now = result([2.0, 1.0, 4.0], [[1, 31, 31], [31, 30, 0], [31, 31, 31]])
     found = differences(before, now, cell_m=100.0)
     assert (found.paired, found.alone, found.evaluated) == (2, (1, 1), 5)
-    assert found.any_flag == pytest.approx(2 / 5)  # 31 and 30, 29 and 31
-    assert found.usable == pytest.approx(2 / 5)
-    assert found.flags == pytest.approx([1 / 5, 1 / 5, 0.0, 0.0, 0.0])
-    assert found.detection == pytest.approx((0.125, 0.125))
-    assert found.sigma == pytest.approx((0.25, 0.25))
+    assert found.usable == pytest.approx(2 / 5)  # 31 and 30, 29 and 31
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import sys
 from benchmarks.sections import run
 
 SECTIONS = {
-    "photographs": "every photograph: located, windows, claims, metres; a page with pictures",
+    "photographs": "every photograph: located, windows, claims, metres; pictures",
     "frames": "simulated frames: claims of their points, and of their positions",
     "wrong": "photographs with wrong Suns, mirrored, of other ground: does `locate` say so?",
     "survival": "which matcher survives which Sun: correlation, OpenCV's and learned features, ours",

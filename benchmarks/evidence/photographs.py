@@ -1,15 +1,15 @@
-"""Every public photograph at hand in one table and on one page: located or not, windows, claims, metres; figure 4 of the paper.
+"""Every public photograph at hand in one table: located or not, windows, claims, metres; figure 4 of the paper.
 
     python -m benchmarks.evidence photographs [-o FOLDER] [--data FOLDER] [--only NAME ...]
 
 The photographs are not in the repository: `--data` or the environment variable LCP_SHARED_DATA names their folder. Written are
-`evidence.html` (table, pictures, histograms, reliability diagrams), `evidence.md` (the tables of docs/measurements/evidence.md) and
-the pictures. Catalogues and finished photographs are kept in the folder and used again. About 10 minutes of one core.
+`evidence.md` (the tables of docs/measurements/evidence.md), `figure_4.svg` (histograms) and in `pictures` photograph, render and
+correlation of the windows (yellow above 0.95, light green above 0.9, green above 0.8, dark below 0.5, white without one).
+Catalogues and finished photographs are kept in the folder and used again. About 10 minutes of one core.
 """
 
 from __future__ import annotations
 
-import html
 import json
 import sys
 import warnings
@@ -26,7 +26,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from benchmarks.evidence.cases import Case, chosen
 from benchmarks.evidence.catalogues import ALBEDO, LAW
-from benchmarks.evidence.scores import STYLE, arrays, bins_table, diagrams, kept, scores_table
+from benchmarks.evidence.scores import STYLE, arrays, bins_table, kept, scores_table
 from benchmarks.markdown import table
 from benchmarks.sections import evidence_parser
 from lcp_catalog.arrays import Array
@@ -38,7 +38,6 @@ from lcp_catalog.images.pixels import image_shape
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.plots.axes import Axes, Axis, round_ticks
-from lcp_catalog.plots.numbers import typeset
 from lcp_catalog.plots.pictures import grey, shrunk
 from lcp_catalog.validation.claims import Claims
 from lcp_catalog.validation.ground_comparison import (
@@ -62,7 +61,7 @@ PICTURE_PX = 300
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One photograph: the figures of the table, correlations of the windows, and the picture's file."""
+    """One photograph: the figures of the table, and correlations of the windows."""
 
     name: str
     figures: dict[str, Any]
@@ -70,7 +69,6 @@ class Row:
     coarse: Array  # (n,) at the DEM's resolution
     fine: Array  # (m,) on cells finer than the DEM's; empty where there are none
     claims: Claims
-    picture: Path | None
 
 
 # -- one photograph
@@ -97,7 +95,6 @@ def judged(case: Case, data: Path, folder: Path) -> Row:
             saved["coarse"],
             saved["fine"],
             kept(saved),
-            picture if picture.exists() else None,
         )
 
 
@@ -304,62 +301,7 @@ def summary(rows: list[Row]) -> str:
     )
 
 
-# -- the page
-
-
-PAGE_STYLE = """:root{color-scheme:light dark}body{font:15px system-ui;max-width:75rem;margin:1rem auto;padding:0 1rem}
-.wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px}td,th{padding:2px 8px;border-bottom:1px solid #8886;
-text-align:right}td{white-space:nowrap}td:first-child,th:first-child{text-align:left}img{max-width:100%}svg{width:26rem;max-width:100%}"""
-
-
-def page(rows: list[Row], folder: Path, more: Iterable[str]) -> str:
-    """A page with the table, reliability diagrams, and picture and histograms of each photograph, those that failed first.
-    ``more``: Markdown that follows.
-    """
-    lines = [
-        "<!doctype html><html lang='en'><meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
-        f"<title>Photographs</title><style>{PAGE_STYLE}</style><h1>Every photograph</h1>",
-        as_html(summary(rows)),
-        as_html(LEGEND),
-        as_html(table(HEAD, map(cells, rows))),
-        diagrams(by_kind(rows)),
-        as_html(PANELS),
-    ]
-    for row in sorted(rows, key=lambda row: row.figures["verdict"] == "located"):
-        f = row.figures
-        lines.append(f"<h2>{html.escape(row.name)}: {html.escape(f['verdict'])}</h2>")
-        lines.append(as_html(f"{f.get('reason') or ''} ({f['licence']})"))
-        if row.picture:
-            name = row.picture.relative_to(folder).as_posix()
-            lines.append(f"<img src='{name}' alt='photograph, render, correlation'>")
-        lines += [str(drawing) for drawing in drawings(row).values()]
-    return "\n".join([*lines, *map(as_html, more), "</html>\n"])
-
-
-LEGEND = (
-    "Off: distance of the solved position from the known one, in brackets its stated sigma. Windows: 16 x 16 cells at the "
-    "DEM's true resolution; the share that correlates above 0.9 and 0.7 with a render, and the mode. Usable points found: of "
-    "the points claimed usable. Brier: score of the claimed probabilities, in brackets that of their mean."
-)
-PANELS = (
-    "Below: photograph, render of the DEM, correlation of the windows (yellow above 0.95, light green above 0.9, green above "
-    "0.8, dark below 0.5, white without one). The photographs that are not located come first."
-)
-
-
-def as_html(markdown: str) -> str:
-    """Paragraphs and tables of Markdown, powers of ten raised."""
-    parts = []
-    for block in markdown.strip().split("\n\n"):
-        lines = html.escape(typeset(block)).splitlines()
-        if not lines[0].startswith("|"):
-            parts.append(f"<p>{' '.join(lines)}</p>")
-            continue
-        cells = [line.strip("|").split("|") for line in lines if not line.startswith("| ---")]
-        body = ["".join(f"<td>{cell.strip()}</td>" for cell in row) for row in cells]
-        body[0] = body[0].replace("td>", "th>")
-        parts.append(f"<div class='wide'><table><tr>{'<tr>'.join(body)}</table></div>")
-    return "\n".join(parts)
+# -- the sheet of histograms
 
 
 def sheet(rows: list[Row]) -> str:
@@ -405,10 +347,9 @@ def main(words: Sequence[str]) -> int:
     both, claims = [row for row in rows if len(row.fine)], by_kind(rows)
     (asked.output / "figure_4.svg").write_text(sheet(both), encoding="utf-8")
     parts = [summary(rows), table(HEAD, map(cells, rows)), "\nNot located:\n", failures(rows)]
-    more = ["Claims by kind:\n", scores_table(claims) + "\n", bins_table(claims) + "\n"]
-    more += ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
-    text = "\n".join([*parts, *more])
+    parts += ["Claims by kind:\n", scores_table(claims) + "\n", bins_table(claims) + "\n"]
+    parts += ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
+    text = "\n".join(parts)
     (asked.output / "evidence.md").write_text(text, encoding="utf-8")
-    (asked.output / "evidence.html").write_text(page(rows, asked.output, more), encoding="utf-8")
     print(text)
     return 0

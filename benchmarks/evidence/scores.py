@@ -84,16 +84,11 @@ def bins_table(groups: Groups) -> str:
     return table(["predicted", *found], rows)
 
 
-def diagrams(groups: Groups) -> str:
-    """Reliability diagrams beside each other, as HTML."""
+def write_diagrams(path: Path, title: str, groups: Groups) -> None:
+    """A page of reliability diagrams beside each other."""
+    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{title}</title><style>{STYLE}</style><h1>{title}</h1>"
     figures = [
         f"<figure style='display:inline-block'><figcaption>{name}</figcaption>{reliability_diagram(of)}</figure>"
         for name, of in scored(groups).items()
     ]
-    return f"<style>{STYLE}</style>{''.join(figures)}"
-
-
-def write_diagrams(path: Path, title: str, groups: Groups) -> None:
-    """A page of reliability diagrams."""
-    head = f"<!doctype html><html lang='en'><meta charset='utf-8'><title>{title}</title><h1>{title}</h1>"
-    path.write_text(f"{head}{diagrams(groups)}</html>\n", encoding="utf-8")
+    path.write_text(f"{head}{''.join(figures)}</html>\n", encoding="utf-8")

@@ -35,7 +35,8 @@ import rasterio
 
 from benchmarks import sections
 from benchmarks.commands import LCP
-from benchmarks.faults.processes import CONFIG, DEM, is_gone, wait_for
+from benchmarks.faults.processes import CONFIG, is_gone, wait_for
+from benchmarks.places import DEM
 
 LONGEST_S = 120.0
 """A build that takes longer hangs."""

@@ -28,8 +28,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks import sections
-from benchmarks.faults.processes import CONFIG, DEM, children, is_gone, wait_for
+from benchmarks.commands import children
+from benchmarks.faults.processes import CONFIG, is_gone, wait_for
 from benchmarks.markdown import table
+from benchmarks.places import DEM
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 LIMIT_S = 300.0

@@ -5,11 +5,8 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 
-from benchmarks.places import DEM, ROOT
-
-__all__ = ["CONFIG", "DEM", "children", "is_gone", "wait_for"]
+from benchmarks.places import ROOT
 
 CONFIG = ROOT / "tests" / "data" / "nine_areas.toml"
 """A build of nine small areas."""
@@ -22,19 +19,6 @@ def is_gone(group: int) -> bool:
     except ProcessLookupError:
         return True
     return False
-
-
-def children(pid: int) -> list[int]:
-    """The processes that a process has started."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = stat.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid and fields[0] != "Z":
-            found.append(int(stat.parent.name))
-    return found
 
 
 def wait_for(condition: Callable[[], bool], seconds: float) -> bool:

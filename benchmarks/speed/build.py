@@ -26,9 +26,10 @@ from benchmarks.commands import lcp
 from benchmarks.markdown import percent, table
 from benchmarks.places import OUTPUT
 from benchmarks.speed.areas import CASES, Case, own_nodes, sample
-from benchmarks.speed.differences import ALL, FLAGS, Differences, Places, differences, share
+from benchmarks.speed.differences import Differences, Places, differences, share
 from benchmarks.speed.stages import LIBRARY, PIPELINE, STAGES, measured
 from benchmarks.timing import Task, in_turn, median, ratio
+from lcp_catalog.catalog.schema import USABLE
 from lcp_catalog.production.area_job import area_sweep, run_area
 from lcp_catalog.threads import limit_threads
 
@@ -152,34 +153,21 @@ class Area:
             f"second, {self.times_faster('strong'):.2f} times as fast as the strong pipeline, "
             f"{self.times_faster('plain'):.2f} as the plain one.\n\n{table(head, sizes)}\n\n"
             f"{table(['stage, ms', *both], stages)}\n\n"
-            + "\n\n".join(f"{name}:\n\n{_told(self.differences(name))}" for name in self.theirs)
+            + "\n".join(f"- {name}: {_told(self.differences(name))}" for name in self.theirs)
         )
 
 
 def _usable(candidates: Any) -> str:
     """Share of the evaluated candidate-conditions that are usable."""
     condition = candidates.evaluation.condition
-    return percent(share(condition[condition > 0] == ALL))
+    return percent(share(condition[condition > 0] == USABLE))
 
 
 def _told(found: Differences) -> str:
-    """The differences, with the flags that differ."""
-    flags = ", ".join(
-        f"{name} {percent(part, 3)}" for name, part in zip(FLAGS, found.flags, strict=True)
+    return (
+        f"{found.paired} candidates at the same places, {found.alone[0]} only there, {found.alone[1]} only now; of "
+        f"{found.evaluated} candidate-conditions {percent(found.usable, 3)} decided otherwise"
     )
-    rows: list[list[object]] = [
-        ["candidates at the same places / only there / only now",
-         f"{found.paired} / {found.alone[0]} / {found.alone[1]}"],
-        ["candidate-conditions", found.evaluated],
-        ["any of the five flags differs", percent(found.any_flag, 3)],
-        ["usable decision differs", percent(found.usable, 3)],
-        ["detection probability, largest / mean difference",
-         f"{found.detection[0]:.4f} / {found.detection[1]:.2g}"],
-        ["sigma_major, largest / mean relative difference",
-         f"{found.sigma[0]:.4f} / {found.sigma[1]:.2g}"],
-        ["sigma_major finite in one only", percent(found.sigma_lost, 3)],
-    ]  # fmt: skip
-    return f"{table(['now against the pipeline', 'difference'], rows)}\n\nFlags: {flags}."
 
 
 def summary(areas: Sequence[Area]) -> str:

@@ -17,10 +17,9 @@ from benchmarks.markdown import percent, table
 from benchmarks.places import ROOT
 from benchmarks.speed.areas import sample
 from benchmarks.timing import median, ratio
+from lcp_catalog.catalog.schema import USABLE
 
 RUN = "from lcp_cli.main import main\nif __name__ == '__main__': main()"
-USABLE = 31
-"""All five flags of a condition."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,6 @@ REGIONS = {
     "north of 60 N": (-180.0, 60.0, 180.0, 90.0),
     "whole Moon": (-180.0, -90.0, 180.0, 90.0),
 }
-CORES = (1, 2, 64, 1000)
 
 
 def main(words: Sequence[str]) -> int:
@@ -98,9 +97,8 @@ def _areas(files: list[Path], count: int) -> None:
     print(table(["area", "latitude", "s", "candidates", "points"], rows))
     areas, mean = len(build.jobs), float(np.mean(seconds))
     print(f"\npeak memory {peak_mb():.0f} MB; mean {mean:.1f} s, {np.mean(points):.1f} points\n")
-    days = [[str(cores), f"{areas * mean / cores / 3600.0:.1f}"] for cores in CORES]
-    print(table(["cores", "hours for all areas"], days))
-    print(f"{areas} areas, about {areas * float(np.mean(points)):,.0f} points")
+    total = f"{areas * mean / 3600.0:.1f} h of one core, about {areas * float(np.mean(points)):,.0f} points"
+    print(f"{areas} areas, {total}")
 
 
 def _catalog(folder: Path, points: int) -> str:

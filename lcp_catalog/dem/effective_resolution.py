@@ -160,8 +160,7 @@ class Resolution:
     ``resolution_m``: half of the shortest wavelength, at least ``posting_m``. ``low_m`` to
     ``high_m``: the 1-sigma interval of the fit and of the variation between areas
     (`BETWEEN_AREAS`). ``point_spread_m``: full width at half maximum of the Gaussian that halves
-    the same wave; 0 if the resolution is the posting. ``exponent``: b. ``noise_m``: standard
-    deviation of the flat part of the spectrum. ``how``: a description for reports.
+    the same wave; 0 if the resolution is the posting. ``exponent``: b. ``how``: a description for reports.
     """
 
     resolution_m: float
@@ -170,7 +169,6 @@ class Resolution:
     posting_m: float
     point_spread_m: float
     exponent: float
-    noise_m: float
     how: str
 
     @property
@@ -211,9 +209,8 @@ def of_windows(windows: Sequence[Heights], posting_m: float) -> Resolution:
     spectrum = spectrum_of(windows)
     if spectrum is None:
         how = "posting; too few heights without gaps to estimate the resolution"
-        return Resolution(posting_m, posting_m, math.inf, posting_m, 0.0, math.nan, math.nan, how)
-    cell_m2 = float(np.mean([math.prod(window.steps_m) for window in windows]))
-    return _fitted(spectrum, posting_m, cell_m2)
+        return Resolution(posting_m, posting_m, math.inf, posting_m, 0.0, math.nan, how)
+    return _fitted(spectrum, posting_m)
 
 
 # -- the spectrum
@@ -362,7 +359,7 @@ class _Fit:
         )
 
 
-def _fitted(spectrum: Spectrum, posting_m: float, cell_m2: float) -> Resolution:
+def _fitted(spectrum: Spectrum, posting_m: float) -> Resolution:
     used, fit = spectrum, _best(spectrum)
     for _ in range(_ROUNDS):
         near = spectrum.wavenumber <= max(_FITTED * fit.cut, spectrum.wavenumber[7])
@@ -372,7 +369,6 @@ def _fitted(spectrum: Spectrum, posting_m: float, cell_m2: float) -> Resolution:
     noisy = _outweighed(fit, nyquist)
     cut = min(fit.cut, noisy)
     low, high = _interval(fit, len(used.power))
-    noise_m = math.sqrt(fit.noise / cell_m2)
     resolution = max(posting_m, 0.5 / cut)
     sides = (1.0, 1.0) if noisy < fit.cut else (high / fit.cut, fit.cut / low)
     finer, coarser = (math.hypot(math.log(side), BETWEEN_AREAS) for side in sides)
@@ -384,7 +380,6 @@ def _fitted(spectrum: Spectrum, posting_m: float, cell_m2: float) -> Resolution:
         posting_m,
         spread,
         fit.exponent,
-        noise_m,
         _words(fit, resolution, posting_m, noisy),
     )
 

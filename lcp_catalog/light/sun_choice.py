@@ -86,12 +86,14 @@ class SunChoice:
         """False if the camera file's Sun applies."""
         return self != SunChoice()
 
-    def beside(self, environment: object, disc: bool | None) -> SunChoice:
-        """The choice itself. ConfigError where the Sun, or ``disc``, is stated beside an environment map (None: there is
-        none), which replaces it.
+    def beside(self, environment: object, disc: bool | None, earthshine: bool = False) -> SunChoice:
+        """The choice itself. ConfigError where the Sun, ``disc`` or ``earthshine`` is stated beside an environment map (None:
+        there is none), which replaces it.
         """
         if environment is not None and (self.is_stated or disc is not None):
             raise ConfigError("`environment` replaces the Sun: it excludes `sun` and `disc`")
+        if environment is not None and earthshine:
+            raise ConfigError("`environment` excludes `earthshine`")
         return self
 
     def direction_mcmf(self, frame: EnuFrame, camera: Sensor | None) -> Array:

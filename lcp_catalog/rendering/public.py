@@ -393,7 +393,7 @@ def render(
             dems=dems,
             area=Area.chosen(center, size_km, bounds),
             gsd_m=gsd_m,
-            sun=SunChoice.of(sun).beside(environment, disc),
+            sun=SunChoice.of(sun).beside(environment, disc, earthshine),
             view=ViewChoice(seen or angles),
             in_camera_plane=camera_plane,
             model=law_of(reflectance),

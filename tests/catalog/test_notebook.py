@@ -99,6 +99,7 @@ WRONG: dict[str, tuple[Callable[[lcp.Catalog], object], type[Exception], str]] =
     "a page without an ending": (lambda c: c.report("r"), ConfigError, "r: the output must end in .html"),
     "a render as a picture": (lambda c: lcp.render(catalogs.HADLEY, "r.png", sun=(90, 20)), ConfigError, "r.png: the output must end in .tif"),
     "a Sun beside an environment map": (lambda c: lcp.render(catalogs.HADLEY, sun=(90, 20), environment="sky.hdr"), ConfigError, "`environment` replaces the Sun: it excludes `sun` and `disc`"),
+    "earthlight beside an environment map": (lambda c: lcp.render(catalogs.HADLEY, earthshine=True, environment="sky.hdr"), ConfigError, "`environment` excludes `earthshine`"),
     "a solar disc beside an environment map": (lambda c: lcp.simulate(catalogs.HADLEY, posed.camera(), disc=True, environment="sky.hdr"), ConfigError, "`environment` replaces the Sun"),
     "a time beside an environment map": (lambda c: lcp.validate("c.h5", "a.png", sun="2026-01-01", environment="sky.hdr"), ConfigError, "`environment` replaces the Sun"),
     "windows of a camera that looks aside": (lambda c: lcp.windows(c, (3.5, 26.0), "2026-01-01", camera=posed.camera(), off_nadir_deg=0.0), ConfigError, "`camera` excludes `size_km`, `gsd_m`, `off_nadir_deg` and `view_azimuth_deg`"),

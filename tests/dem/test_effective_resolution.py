@@ -119,7 +119,6 @@ def test_noise_that_outweighs_the_ground_limits_it(noise_m):
     noisy = z + np.random.default_rng(0).normal(scale=noise_m, size=z.shape)
     found = true_resolution(noisy, GSD_M)
     assert found.resolution_m == pytest.approx(0.5 / equal, rel=0.12)
-    assert found.noise_m == pytest.approx(noise_m, rel=0.15)
     assert "noise" in found.how
 
 
@@ -145,7 +144,6 @@ def test_noise_on_cells_that_are_not_square():
     z = ground(300, 600, 4.0, 8, gsd_m=50.0)[::2]
     noisy = z + np.random.default_rng(1).normal(scale=25.0, size=z.shape)
     found = true_resolution(noisy, (100.0, 50.0))
-    assert found.noise_m == pytest.approx(25.0, rel=0.15)
     equal = (LEVEL / (25.0**2 * 100.0 * 50.0)) ** 0.25
     assert found.resolution_m == pytest.approx(0.5 / equal, rel=0.12)
 

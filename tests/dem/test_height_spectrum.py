@@ -165,7 +165,7 @@ def test_a_law_comes_back(shape, exponent, cut):
     """
     posting = 0.5 / 4.5e-3
     found = effective_resolution._fitted(
-        spectrum(law(K, exponent=exponent, cut=cut, shape=shape)), posting, posting**2
+        spectrum(law(K, exponent=exponent, cut=cut, shape=shape)), posting
     )
     assert found.resolution_m == pytest.approx(0.5 / cut, rel=0.04)
     assert found.exponent == pytest.approx(exponent, abs=0.08)
@@ -181,19 +181,17 @@ def test_a_law_comes_back(shape, exponent, cut):
 def test_a_cut_beyond_nyquist_is_no_point_spread(times, sharp):
     posting = 110.0
     cut = times * 0.5 / posting
-    found = effective_resolution._fitted(spectrum(law(K, cut=cut)), posting, posting**2)
+    found = effective_resolution._fitted(spectrum(law(K, cut=cut)), posting)
     assert (found.point_spread_m == 0.0) == sharp == (found.resolution_m == posting)
 
 
 def test_noise_is_what_is_flat_and_counts_where_it_outweighs_the_rest():
-    """A k^-4 = N at k = (A / N)^(1/4); its standard deviation is the root of N over the cell's
-    area.
-    """
-    cell = 100.0 * 50.0
+    """A k^-4 = N at k = (A / N)^(1/4)."""
     level = 5.6e-5 / 2e-3**4
-    found = effective_resolution._fitted(spectrum(law(K, noise=level)), 100.0, cell)
+    noisy = spectrum(law(K, noise=level))
+    found = effective_resolution._fitted(noisy, 100.0)
     assert found.resolution_m == pytest.approx(0.5 / 2e-3, rel=0.05)
-    assert found.noise_m == pytest.approx(math.sqrt(level / cell), rel=0.06)
+    assert effective_resolution._best(noisy).noise == pytest.approx(level, rel=0.12)
     assert "noise exceeds" in found.how
     # an edge that noise makes is as sure as areas differ, a quarter in the logarithm, and no surer
     for side in (found.high_m / found.resolution_m, found.resolution_m / found.low_m):
@@ -224,7 +222,7 @@ def test_a_resolution_is_as_sure_as_its_fit_and_as_areas_differ():
     power = law(K, cut=1.6e-3, shape=0) * np.exp(0.3 * rng.normal(size=K.size))
     made = spectrum(power, 40.0)
     posting = 90.0
-    found = effective_resolution._fitted(made, posting, posting**2)
+    found = effective_resolution._fitted(made, posting)
     near = np.less_equal(K, 2.5 * effective_resolution._best(made).cut)
     kept = effective_resolution.Spectrum(made.wavenumber[near], made.power[near], made.waves[near])
     fit = effective_resolution._best(kept)
@@ -240,9 +238,9 @@ def test_what_lies_far_beyond_the_cut_has_no_say():
     """The filters of a DEM appear there, from four times the cut on."""
     cut, posting = 3e-4, 0.5 / 4.5e-3
     power = law(K, cut=cut, shape=0)
-    plain = effective_resolution._fitted(spectrum(power), posting, posting**2)
+    plain = effective_resolution._fitted(spectrum(power), posting)
     odd = power * np.maximum(K / (4.0 * cut), 1.0) ** 1.5
-    found = effective_resolution._fitted(spectrum(odd), posting, posting**2)
+    found = effective_resolution._fitted(spectrum(odd), posting)
     assert found.resolution_m == pytest.approx(plain.resolution_m, rel=0.03)
 
 
