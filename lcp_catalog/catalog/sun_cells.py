@@ -6,7 +6,6 @@ in which the Sun passes behind a camera promises too much.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,9 +77,9 @@ class SunCells:
             np.broadcast_to(columns[[0, 1, 0, 1], None, :], whole),
         )
 
-    def claims(self, lat_deg: float, known: Mask, limits: Sequence[float]) -> CellClaims:
-        """What is needed at the corners, at a latitude (degrees), for a detection probability above each of
-        the ``limits`` (u,) in the cell; ``known`` (e, a): directions that are evaluated there.
+    def claims(self, lat_deg: float, known: Mask, limit: float) -> CellClaims:
+        """What is needed at the corners, at a latitude (degrees), for a detection probability above the
+        ``limit`` in the cell; ``known`` (e, a): directions that are evaluated there.
         """
         corners = known[self.corners()]  # (4, e, a)
         near: Mask = np.any(corners, axis=0) & (self.above >= 0)[:, None] & (self.after >= 0)
@@ -98,16 +97,7 @@ class SunCells:
         exists[cells] = happens.any(axis=1)
         counts[:, row, column] = ((own > 1e-9) & happens).any(axis=2)
         largest[cells] = np.where(happens, margin, 0.0).max(axis=1, initial=0.0)
-        least = np.stack([_stored_at_least(limit, largest) for limit in limits])
-        return CellClaims(exists, counts, least)
-
-    def happens(self, lat_deg: float) -> Mask:
-        """Cells (e, a) in which the Sun can stand at a latitude, degrees."""
-        found = np.zeros(self.shape, np.bool_)
-        row, column = np.nonzero((self.above >= 0)[:, None] & (self.after >= 0))
-        cells = row.astype(np.int64), column.astype(np.int64)
-        found[cells] = self._samples(lat_deg, cells)[1].any(axis=1)
-        return found
+        return CellClaims(exists, counts, _stored_at_least(limit, largest))
 
     def _samples(self, lat_deg: float, cells: tuple[Index, Index]) -> tuple[Array, Mask]:
         """Weights of the corners (4, n, s) at Suns over n cells, and (n, s) whether the Sun can stand
@@ -138,7 +128,7 @@ class CellClaims:
     counts: Mask
     """(4, e, a): corners that were evaluated and have weight; the point must be usable there."""
     least: Bytes
-    """(u, e, a): least stored detection probability there for each limit, in steps of `DETECTION_STEP`."""
+    """(e, a): least stored detection probability there, in steps of `DETECTION_STEP`."""
 
 
 def _next(steps: Array, widest: float) -> Index:

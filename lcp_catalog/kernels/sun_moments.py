@@ -1,10 +1,10 @@
-"""What candidates serve at places at real moments: the Sun stands in one direction, which has other angles at the
+"""What candidates are worth at places at real moments: the Sun stands in one direction, which has other angles at the
 candidate than at the place.
 
-Cells of a Sun grid are cut into parts. A part in which the Sun can stand at a place is a box of elevation and
-azimuth; turned into the frame of a candidate it overlaps some cells, and is worth there what it is worth
-in the least of them. ``grid``: elevations and azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`);
-cell (i, j) has the number i a + j.
+Cells of a Sun grid are cut into parts. The lowest and the highest Sun in the middle of a part, where it can stand at a place, are
+moments; turned into the frame of a candidate one lies between four directions of the grid, whose claims are averaged as
+`catalog.prediction` does. A candidate is worth in a cell what it is worth at the worst of its moments. ``grid``: elevations and
+azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`); cell (i, j) has the number i a + j.
 """
 
 import math
@@ -16,16 +16,14 @@ from .cache import njit
 PART_DEG = 1.0, 5.0
 """Greatest height and width of a part of a cell."""
 
-BEYOND = 0.005
-"""Share of a step of the grid by which a part may reach into a cell that is not looked at. A point that is usable
-in a cell has at its edges at least 0.125 logits more than it needs (`prediction.BETWEEN_MARGIN`: 0.375 of
-the middle and 0.25 of an edge). A far corner without any detection takes away at most 12 logits times its
-weight (least probabilities up to 0.99), and both angles add to it: 0.12.
-"""
+UNKNOWN = 255
+"""Code of a claim that was not evaluated."""
 
-_NEAR_ZENITH_DEG = 84.0
 _SAFETY = 1.2
-"""Factor of the first derivatives, for what the second ones add."""
+"""Factor of the first derivative of the elevation by the azimuth, for what the second ones add."""
+
+_EDGE_DEG, _LEAST_WEIGHT = 1e-6, 1e-9
+"""Slack at the ends of the grid; corners with a smaller weight do not count."""
 
 
 @njit(nogil=True)
@@ -89,219 +87,121 @@ def _narrowed(box, lat, limit):
 
 
 @njit(nogil=True)
-def _towards(boxes, suns):
-    """Of parts (rows of `parts_of_cells`): half the height and width, elevation and azimuth of the middle, radians, and the unit
-    vector there, east, north, up, into the rows of ``suns`` (size, 7).
-    """
-    for k in range(len(boxes)):
-        box, sun = boxes[k], suns[k]
-        sun[0] = math.radians(box[2] - box[1]) / 2.0
-        sun[1] = math.radians(box[4] - box[3]) / 2.0
-        el, az = math.radians(box[1] + box[2]) / 2.0, math.radians(box[3] + box[4]) / 2.0
-        sun[2], sun[3] = el, az
-        level = math.cos(el)
-        sun[4], sun[5], sun[6] = level * math.sin(az), level * math.cos(az), math.sin(el)
+def _lower(worth, own, sun, lift, codes, inverse, slope, rule, grid):
+    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to what it is at a moment; 0 outside the grid.
 
-
-@njit(nogil=True)
-def _in_circle(angle):
-    """``angle % 360.0``, without a division near the circle."""
-    if 0.0 <= angle < 360.0:
-        return angle
-    if -360.0 <= angle < 0.0:
-        return angle + 360.0
-    return angle % 360.0
-
-
-@njit(nogil=True)
-def _turned(box, sun, turn, away, spread, bend, found):
-    """The box (4,) that contains the Suns of a part (row of `parts_of_cells`, and of `_towards`) in a frame that is turned, into
-    found. ``away``: angle between the verticals; ``spread``: how far the frame's place may be from the one given,
-    where meridians converge by ``bend`` times that.
-    """
-    half_el, half_az, el, az = sun[0], sun[1], sun[2], sun[3]
-    x, y, z = sun[4], sun[5], sun[6]
-    east = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
-    north = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
-    up = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
-    level = math.hypot(east, north)
-    rise = math.degrees(math.atan2(up, level) - el)
-    more = math.degrees(_SAFETY * away * half_az + spread)
-    found[0], found[1] = box[1] + rise - more, box[2] + rise + more
-    steep = max(abs(box[2]), found[1])
-    if steep > _NEAR_ZENITH_DEG:
-        found[2], found[3] = 0.0, 360.0
-        return
-    slope = math.tan(math.radians(steep))
-    more = _SAFETY * away * (half_el * (1.0 + slope * slope) + half_az * slope)
-    more = math.degrees(more + _SAFETY * spread * (slope + bend))
-    shift = math.degrees(math.atan2(east, north) - az)
-    shift = _in_circle(shift + 180.0) - 180.0
-    found[2], found[3] = box[3] + shift - more, box[4] + shift + more
-    if not found[3] - found[2] < 360.0:
-        found[2], found[3] = 0.0, 360.0
-
-
-@njit(nogil=True)
-def _weight(box, i, at, wide, corners, low):
-    """Least weight of the evaluated corners of a cell in a box's part of it; ``at``: the azimuths of the box
-    from the cell's first.
-    """
-    if corners[0] and corners[1] and corners[2] and corners[3]:
-        return 1.0
-    least = 1.0
-    for el in box[:2]:
-        up = min(1.0, max(0.0, (el - low[i]) / (low[i + 1] - low[i])))
-        for azimuth in at:
-            on = min(1.0, max(0.0, azimuth / wide))
-            first = (1.0 - on) * corners[0] + on * corners[1]
-            last = (1.0 - on) * corners[2] + on * corners[3]
-            least = min(least, (1.0 - up) * first + up * last)
-    return least
-
-
-@njit(nogil=True)
-def _from_start(west, east, start, wide):
-    """The azimuths of a box from the first one of a cell on: the turn of the circle that reaches into the cell."""
-    first = _in_circle(west - start)
-    last = first + east - west
-    if first >= wide * (1.0 - BEYOND):
-        first, last = first - 360.0, last - 360.0
-    return first, last
-
-
-@njit(nogil=True)
-def _columns(west, east, start, wide):
-    """The columns of cells that azimuths overlap: the first, and the end, as if the circle went on."""
-    count, begin = len(start), _in_circle(west)
-    first = count - 1
-    while first > 0 and start[first] > begin:
-        first -= 1
-    if start[first] > begin:
-        first = count - 1
-    for end in range(first, first + count):
-        j = end if end < count else end - count
-        low, high = _from_start(west, east, start[j], wide[j])
-        slack = BEYOND * wide[j]
-        if low >= wide[j] - slack or high <= slack:
-            if end > first:
-                return first, end
-            first += 1  # they begin where that ends
-    return first, end + 1
-
-
-@njit(nogil=True)
-def _overlapped(box, grid, wide, happens, known, mark, marks, cells, size):
-    """Append to ``cells`` the cells that a box (4,) overlaps, in which the Sun can stand, and that have no ``mark`` in ``marks``
-    (cell,) yet; mark them. Returns the number of cells, or -1 where the box overlaps none, or leaves the grid or what is
-    evaluated. ``wide`` (a,): of the columns; ``happens`` (cell,), ``known`` (e, a).
+    ``sun``: the moment's direction in the candidate's frame; ``lift``: degrees by which it stands higher. ``codes``, ``inverse``
+    (v, e, a): of its claims, and one over how clearly relief shows there for its ``slope`` errors (`landmarks.relief_signal`).
+    ``rule``: `serve`.
     """
     low, start, above, after = grid
-    if box[0] < low[0] - 1e-6 or box[1] > low[-1] + 1e-6:
-        return -1
-    west, east = box[2], box[3]
-    first, last = _columns(west, east, start, wide)
-    count, some = len(start), False
-    for i in range(len(low) - 1):
-        slack = BEYOND * (low[i + 1] - low[i])
-        if box[1] <= low[i] + slack or box[0] >= low[i + 1] - slack:
+    heights, views, (albedo, least_cosine, least_shown), logits, step, limits, (between, beyond) = (
+        rule
+    )
+    each, count = len(worth) // len(views), len(start)
+    level = math.hypot(sun[0], sun[1])
+    el = math.degrees(math.atan2(sun[2], level)) + lift
+    azimuth = math.degrees(math.atan2(sun[0], sun[1])) % 360.0
+    i = min(max(np.searchsorted(low, el, side="right") - 1, 0), len(low) - 2)
+    j = np.searchsorted(start, azimuth, side="right") - 1
+    j = j if j >= 0 else count - 1
+    k = after[j]
+    inside = low[0] - _EDGE_DEG <= el <= low[-1] + _EDGE_DEG
+    if not inside or above[i] != i + 1 or k == j or k < 0:
+        for v in range(len(views)):
+            worth[v * each + own] = 0
+        return
+    up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
+    on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
+    weights = ((1.0 - up) * (1.0 - on), (1.0 - up) * on, up * (1.0 - on), up * on)
+    rows, columns = (i, i, i + 1, i + 1), (j, k, j, k)
+    mu0 = max(sun[2], least_cosine)
+    for v in range(len(views)):
+        if worth[v * each + own] == 0:
             continue
-        for column in range(first, last):
-            j = column if column < count else column - count
-            k = j + 1 if j + 1 < count else 0
-            cell = i * count + j
-            if not happens[cell]:
+        total, square, mean = 0.0, 0.0, 0.0
+        for corner in range(len(weights)):
+            code = codes[v, rows[corner], columns[corner]]
+            weight = weights[corner]
+            if code == UNKNOWN or weight <= _LEAST_WEIGHT:
                 continue
-            if above[i] != i + 1 or after[j] != k:
-                return -1
-            corners = (known[i, j], known[i, k], known[i + 1, j], known[i + 1, k])
-            at = _from_start(west, east, start[j], wide[j])
-            if _weight(box, i, at, wide[j], corners, low) < 0.5:
-                return -1
-            some = True
-            if marks[cell] != mark:
-                marks[cell], cells[size] = mark, cell
-                size += 1
-    return size if some else -1
+            total += weight
+            square += weight * weight
+            mean += weight * heights[code] * inverse[v, rows[corner], columns[corner]]
+        units = 0
+        if total >= 0.5:
+            if albedo > 0.0:
+                both = mu0 + max(views[v, 2], least_cosine)
+                east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
+                north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
+                shown = max(east * east + north * north, least_shown * least_shown)
+                mean /= math.sqrt(albedo * albedo / shown + slope * slope)
+            at = min(mean / total / step, len(logits) - 1.0)
+            first = min(int(at), len(logits) - 2)
+            logit = logits[first] + (at - first) * (logits[first + 1] - logits[first])
+            logit -= between * (1.0 - square) + beyond * (1.0 - total)
+            while units < len(limits) and logit >= limits[units]:
+                units += 1
+        worth[v * each + own] = min(worth[v * each + own], np.uint8(units))
 
 
 @njit(nogil=True)
-def _served(
-    worth, units, turns, away, spread, bend, boxes, suns, grid, wide, happens, known, columns, views
-):
-    """Lower the units (condition,) that a candidate is worth at a place to what it surely is there: the least in all cells that
-    the parts of a cell overlap; 0 where one has no condition, or where there is none.
+def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit):
+    """Lower what candidates are worth, rows (row, condition), to what they are at the places of the pairs of each row; ``found``
+    (place, condition) is set where the Sun can stand in a cell at a place.
 
-    ``units`` (condition,): by the angles at the candidate; ``turns`` (3, 3): from the frame of the place to
-    that of the candidate; ``boxes``, ``suns``: rows of `parts_of_cells` and of `_towards`.
-    """
-    each = len(units) // views
-    box, cells, marks = np.zeros(4), np.zeros(len(columns), np.int64), np.full(len(columns), -1)
-    begin = 0
-    while begin < len(boxes):
-        cell, end = boxes[begin, 0], begin
-        while end < len(boxes) and boxes[end, 0] == cell:
-            end += 1
-        own, size, some = columns[int(cell)], 0, False
-        for shift in range(0, len(units), each):
-            some |= worth[shift + own] > 0
-        for k in range(begin, end if some else begin):
-            _turned(boxes[k], suns[k], turns, away, spread, bend, box)
-            size = _overlapped(box, grid, wide, happens, known, begin, marks, cells, size)
-            if size < 0:
-                break
-        for k in range(size):
-            if columns[cells[k]] < 0:
-                size = -1
-                break
-        for shift in range(0, len(units), each):
-            least = worth[shift + own] if size > 0 else np.uint8(0)
-            for k in range(size):
-                least = min(least, units[shift + columns[cells[k]]])
-            worth[shift + own] = least
-        begin = end
-
-
-@njit(nogil=True)
-def serve(worth, found, near, frames, spread, units, suns, grid, columns, views, limit):
-    """`_served` for all pairs, once for each row of worth; ``found`` (place, condition) is set where the Sun can
-    stand in a cell at a place.
-
-    ``near``: where the pairs of each place start, and of each pair the candidate and the row of worth.
-    ``frames``: latitudes (p,) and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3). ``suns``: the
-    number of each candidate's latitude, and what happens and is evaluated there (`_overlapped`).
+    ``near``: where the pairs of each place start, and of each pair the candidate and the row of worth. ``frames``: latitudes (p,)
+    and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3). ``spread``: how far apart the places of a row are,
+    radians: the first of them is looked at, with the Sun higher and lower by that, too.
+    ``claims``: codes (n, v, e, a) of the probabilities, and of each candidate the number of its slope errors; these (k,), and
+    one over how clearly relief shows (k, v, e, a). ``rule``: heights of peaks by code; directions to the cameras (v, 3); unmapped
+    brightness, and the least cosine and signal of relief; logits of probabilities by height, in steps; least logits of 1, 2, ...
+    units; margins in logits between the grid's directions and beyond them. ``limit``: of the Sun's declination, radians.
     """
     starts, candidate, row = near
     lats, axes, others = frames
-    number, happens, known = suns
-    each = units.shape[1] // views
+    codes, number, slopes, inverse = claims
+    views = codes.shape[1]
+    each = worth.shape[1] // views
     size = 1
     for i in range(len(grid[0])):
         high = grid[0][max(grid[2][i], i)] - grid[0][i]
         size += (math.ceil(high / PART_DEG[0]) + 1) * (
             len(grid[1]) + math.ceil(360.0 / PART_DEG[1])
         )
-    boxes, directions = np.zeros((size, 5)), np.zeros((size, 7))
+    boxes, suns = np.zeros((size, 5)), np.zeros((size, 3))
     done = np.zeros(len(worth), np.bool_)
-    wide = (np.roll(grid[1], -1) - grid[1]) % 360.0
+    lift = math.degrees(spread)
     for p in range(len(lats)):
         size = parts_of_cells(lats[p], grid, columns, limit + spread, boxes)
-        _towards(boxes[:size], directions)
-        for part in boxes[:size]:
+        for m in range(size):
+            el = math.radians(boxes[m, 1] + boxes[m, 2]) / 2.0
+            az = math.radians(boxes[m, 3] + boxes[m, 4]) / 2.0
+            suns[m, 0], suns[m, 1] = math.cos(el) * math.sin(az), math.cos(el) * math.cos(az)
+            suns[m, 2] = math.sin(el)
             for v in range(views):
-                found[p, v * each + columns[int(part[0])]] = True
-        for k in range(starts[p], starts[p + 1]):
-            if done[row[k]]:
+                found[p, v * each + columns[int(boxes[m, 0])]] = True
+        for pair in range(starts[p], starts[p + 1]):
+            if done[row[pair]]:
                 continue
-            done[row[k]] = True
-            i = candidate[k]
+            done[row[pair]] = True
+            i, own = candidate[pair], worth[row[pair]]
             turns = others[i] @ axes[p].T
-            away = math.acos(min(1.0, max(-1.0, turns[2, 2])))
-            sine = min(1.0, max(abs(others[i, 2, 2]), abs(axes[p, 2, 2])) + spread)
-            bend = sine / math.sqrt(1.0 - sine * sine) if sine < 1.0 else math.inf
-            bend = bend if spread > 0.0 else 0.0
-            own = number[i]
-            _served(
-                worth[row[k]], units[i], turns, away, spread, bend, boxes[:size], directions, grid,
-                wide, happens[own], known[own], columns, views,
-            )  # fmt: skip
+            turned, tilt = suns[:size] @ turns.T, math.acos(min(1.0, max(-1.0, turns[2, 2])))
+            kind = number[i]
+            for m in range(size):
+                cell = columns[int(boxes[m, 0])]
+                half = lift + (boxes[m, 2] - boxes[m, 1]) / 2.0
+                half += _SAFETY * tilt * (boxes[m, 4] - boxes[m, 3]) / 2.0
+                for away in (-half, half):
+                    _lower(
+                        own,
+                        cell,
+                        turned[m],
+                        away,
+                        codes[i],
+                        inverse[kind],
+                        slopes[kind],
+                        rule,
+                        grid,
+                    )

@@ -26,9 +26,9 @@ _NEEDED = 2.2
 _SPREAD = 1.1
 _LEAST_HEIGHT = 0.3
 """Heights bend towards 0 below this."""
-_LEAST_SLOPE_SIGNAL = 0.03
+LEAST_SLOPE_SIGNAL = 0.03
 """|G| where the first order vanishes: what the higher orders and other laws show."""
-_LEAST_COSINE = 0.02
+LEAST_COSINE = 0.02
 
 
 def log_signal(sun: Array, view: Array, albedo_sigma: float, slope_sigma: Array | float) -> Array:
@@ -39,11 +39,11 @@ def log_signal(sun: Array, view: Array, albedo_sigma: float, slope_sigma: Array 
 
 
 def relief_signal(sun: Array, view: Array) -> Array:
-    """|G| (...) of the same directions, at least `_LEAST_SLOPE_SIGNAL`."""
-    mu0, mu = (np.maximum(towards[..., 2:], _LEAST_COSINE) for towards in (sun, view))
+    """|G| (...) of the same directions, at least `LEAST_SLOPE_SIGNAL`."""
+    mu0, mu = (np.maximum(towards[..., 2:], LEAST_COSINE) for towards in (sun, view))
     across, seen = sun[..., :2], view[..., :2]
     slopes = np.linalg.norm((across + seen) / (mu0 + mu) - across / mu0, axis=-1)
-    return np.asarray(np.maximum(slopes, _LEAST_SLOPE_SIGNAL))
+    return np.asarray(np.maximum(slopes, LEAST_SLOPE_SIGNAL))
 
 
 def log_of(slopes: Array, albedo_sigma: float, slope_sigma: Array | float) -> Array:

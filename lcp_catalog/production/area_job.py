@@ -104,6 +104,8 @@ class Candidates:
     """(n, p, p) albedo factors of the patches' nodes, all NaN outside the map; None without a map."""
     sites: AnyArray | None = None
     """(n,) of type `SITE`."""
+    slope_sigma: Array | float = 0.0
+    """(n,) 1 sigma of the slopes' errors."""
 
     def __len__(self) -> int:
         return len(self.lon_deg)
@@ -316,6 +318,7 @@ def _evaluated(job: AreaJob, core: _Core, sweep: Sweep, rows: Index, cols: Index
         parts,
         found.albedo,
         sites,
+        errors.slope_sigma,
     )
 
 

@@ -97,6 +97,12 @@ class PlaceErrors:
         place_m = np.full(len(sigma_m), np.nan) if place_m is None else place_m
         return cls(models, which.reshape(-1), place_m)
 
+    @property
+    def slope_sigma(self) -> Array:
+        """1 sigma (n,) of the slopes' errors."""
+        slopes = [model.height_sigma_m / model.height_length_m for model in self.models]
+        return np.array(slopes, np.float64)[self.which]
+
     def place_sigma_m(self, cell_m: float) -> Array:
         """`ErrorModel.place_sigma_m` (n,) of the candidates, in cells of one size."""
         model = self.models[0]

@@ -30,6 +30,7 @@ from ..catalog.schema import (
     Cause,
 )
 from ..catalog.sun_cells import SunCells
+from ..kernels.sun_moments import UNKNOWN
 from ..landmarks.located import Units
 from ..rendering.plan import ScenePlan
 from .area_job import AreaResult, Candidates
@@ -45,12 +46,10 @@ TABLE = np.dtype(
         ("checksum", "<u4"),  # CRC-32 of the record; 0 without one
         ("stage", "u1"),  # of `landmarks.selection.coverage`
         ("information", "<f4"),  # mean of `_information`
+        ("slope_sigma", "<f4"),  # 1 sigma of the slopes' errors
     ]
 )
 """A candidate's row of the table."""
-
-UNIT = 16
-"""Factor of the units beside a `Cause` in the bytes of `cell_stages`."""
 
 _WORST = -1e30
 """Quality of candidates without a usable condition."""
@@ -62,7 +61,7 @@ _LEAST_CHANCE = 1e-6
 @dataclass(frozen=True)
 class FinishedArea:
     """A table (n,) of type `TABLE`; the records (m,) of type `record_type` of its rows that can become
-    points, in the same order; and the scene plan of the area's images. ``stages`` (n, cells): what
+    points, in the same order; and the scene plan of the area's images. ``stages`` (n, 2 cells): what
     each row is good for between the Suns (`cell_stages`); None if nothing is promised.
     """
 
@@ -118,6 +117,7 @@ def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     table["quality"] = _quality(evaluation, these)
     table["worth"] = np.where(worth >= least, worth, 0)
     table["stage"] = _stages(evaluation, worth >= least)
+    table["slope_sigma"] = candidates.slope_sigma
     table["information"] = np.nan_to_num(_over(_information(evaluation), these, np.nanmean))
     return table
 
@@ -287,35 +287,34 @@ def units_of(config: BuildConfig) -> Units:
 
 
 def cell_stages(candidates: Candidates, config: BuildConfig) -> Bytes:
-    """What each candidate is good for by view and cell of the Sun grid, (n, view * elevation * azimuth):
-    `UNIT` times the units (`landmarks.located`) that it is worth under all Suns of the cell, plus a
-    `Cause`: FEW if it is usable under all of them, MARGINAL if only at the corners that were evaluated,
-    else what stops it at the worst corner; MET (0) where there is no cell.
+    """What each candidate is good for, (n, 2 view elevation azimuth): by view and cell of the Sun grid a `Cause`, FEW if it is
+    usable under all Suns of the cell, MARGINAL if only at the corners that were evaluated, else what stops it at the worst
+    corner, MET (0) where there is no cell; and by view and Sun its detection probability in steps of `DETECTION_STEP`, 0 where
+    it cannot be a point, `UNKNOWN` where not evaluated.
     """
     condition = candidates.evaluation.condition
     if not len(condition):
-        return np.zeros((0, int(np.prod(condition.shape[1:]))), np.uint8)
+        return np.zeros((0, 2 * int(np.prod(condition.shape[1:]))), np.uint8)
     known: Mask = np.any((condition & EVALUATED) > 0, axis=(0, 1))
-    grid, units = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg), units_of(config)
-    limits = (config.points.min_detection, *units.least)
-    claims = grid.claims(float(np.mean(candidates.lat_deg)), known, limits)
+    grid = SunCells.of(config.sun.elevations_deg, config.sun.azimuths_deg)
+    claims = grid.claims(float(np.mean(candidates.lat_deg)), known, config.points.min_detection)
     chances = np.nan_to_num(candidates.evaluation.detection[:, 0])
     detection = packing("detection_probability", 1.0).packed(chances)
     stage, free = _causes(candidates), _free(candidates.evaluation)
     found = np.full(condition.shape, Cause.FEW, np.uint8)
-    worth = np.full(condition.shape, len(units.least), np.uint8)
     enough = np.ones(condition.shape, np.bool_)
     for counts, row, column in zip(claims.counts, *grid.corners(), strict=True):
         at = np.s_[:, :, row, column]
         np.minimum(found, np.where(counts, stage[at], np.uint8(Cause.FEW)), out=found)
-        enough &= ~counts | (detection[at] >= claims.least[0])
-        own = (detection[at] >= claims.least[1:, None, None]).sum(axis=0, dtype=np.uint8) * free[at]
-        np.minimum(worth, np.where(counts, own, len(units.least)).astype(np.uint8), out=worth)
+        enough &= ~counts | (detection[at] >= claims.least)
     found[(found == Cause.FEW) & ~enough] = Cause.MARGINAL
     if config.points.located is None:
-        worth = (found == Cause.FEW).astype(np.uint8)
-    whole = np.where(claims.exists, found + UNIT * worth, 0).astype(np.uint8)
-    return whole.reshape(len(condition), -1)
+        free &= stage >= Cause.AMBIGUOUS
+    codes = np.where(known, np.where(free, detection, 0), UNKNOWN)
+    both = np.where(claims.exists, found, 0), codes
+    return np.concatenate([part.reshape(len(condition), -1) for part in both], axis=1).astype(
+        np.uint8
+    )
 
 
 def _causes(candidates: Candidates) -> Bytes:

@@ -1,8 +1,5 @@
 """The promise of a catalogue: near every place of the region the points are worth so many units (`landmarks.located`)
 under every view and Sun that can happen, or it is known why not; and the choice of the fewest points that keep it.
-
-What candidates are worth at places at real moments: the Sun stands in one direction, whose elevation and azimuth
-differ between the points of a footprint.
 """
 
 from __future__ import annotations
@@ -17,12 +14,11 @@ from ..arrays import AnyArray, Array, Bytes, Index, Int16, Mask
 from ..catalog.model import Promise
 from ..catalog.schema import NO_CELL, Cause
 from ..catalog.sun_cells import SunCells
-from ..constants import MOON_RADIUS_M, SUBSOLAR_LATITUDE_MAX_DEG
+from ..constants import MOON_RADIUS_M
 from ..ephemeris.solar_position import reachable_suns
 from ..errors import ConfigError
 from ..geometry.frames import enu_rotation, mcmf_to_lonlat
 from ..kernels.multicover import raise_to
-from ..kernels.sun_moments import serve
 from ..landmarks.located import Units
 from ..landmarks.selection import (
     Cover,
@@ -36,104 +32,10 @@ from ..landmarks.selection import (
 )
 from ..terrain.area import Area
 from .config import BuildConfig
-from .finished_area import UNIT, units_of
+from .finished_area import units_of
+from .moments import Claimed, Near, moment_cover
 from .point_config import PointConfig
 from .region_maps import COVERAGE_BYTES, COVERAGE_CELLS, coverage_cells
-
-_ROWS = 1_000_000
-"""Pairs of a candidate and a place that are looked at one by one. Of more, the places in one part of the
-circle around a candidate are taken together: it counts there as it surely does at each.
-"""
-
-_PARTS = 4
-"""Least number of parts across the circle."""
-
-_SAFETY = 1.1
-"""Factor of distances in the plane of the horizon, for the sphere's curvature."""
-
-_TOGETHER = 1_000_000
-
-
-@dataclass(frozen=True)
-class Near:
-    """Candidates at ``sites``, and the ``places`` within a radius of each: where they start, (n + 1,), and
-    their numbers.
-    """
-
-    sites: Places
-    places: Places
-    radius_m: float
-    first: Index
-    place: AnyArray
-
-
-def moment_cover(near: Near, worth: Bytes, grid: SunCells, columns: Index) -> tuple[Cover, Mask]:
-    """What candidates are worth at places: of the units (n, condition) that they are worth under all Suns of a
-    cell by the angles at the candidate, the least under all Suns that stand in the cell at the place;
-    and (place, condition) whether there are any.
-
-    ``columns``: the conditions in views x cells of the grid, flat; views have the same cells. A
-    direction without extent (`SunCells`) counts as it does by the angles at the candidate.
-    """
-    first, place, sites, places = near.first, near.place, near.sites, near.places
-    cells = math.prod(grid.shape)
-    own = columns[columns < cells]
-    lone_rows, lone_columns = (other == np.arange(len(other)) for other in (grid.above, grid.after))
-    lone = (lone_rows[:, None] | lone_columns).ravel()
-    number = np.full(cells, -1, np.int64)
-    number[own] = np.where(lone[own], -1, np.arange(len(own)))
-    alone = np.tile(lone[own], len(columns) // len(own))
-    found = np.tile(alone, (len(places.lon_deg), 1))
-    candidate = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    row, owner, spread = _rows(near, candidate)
-    there = np.where(alone, worth, np.uint8(NO_CELL))[owner]
-    order = np.argsort(place, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=len(places.lon_deg)))])
-    pairs = starts, candidate[order], row[order]
-    axes_there = enu_rotation(places.lon_deg, places.lat_deg)
-    frames = np.radians(places.lat_deg), axes_there, enu_rotation(sites.lon_deg, sites.lat_deg)
-    axes = grid.elevation, grid.azimuth, grid.above, grid.after
-    limit = math.radians(SUBSOLAR_LATITUDE_MAX_DEG)
-    views = len(columns) // len(own)
-    suns = _suns(sites.lat_deg, grid)
-    serve(there, found, pairs, frames, spread, worth, suns, axes, number, views, limit)
-    return Cover(first, place, row, there, len(found)), found
-
-
-def _rows(near: Near, candidate: Index) -> tuple[AnyArray, Index, float]:
-    """The row of what a candidate is worth at a place, for each of their pairs; the candidate of each row; and
-    how far apart the places of a row are, radians. One for each pair, or where these are too many
-    one for each part of the circle around a candidate.
-    """
-    place, count = near.place, len(near.sites.lon_deg)
-    if len(place) <= _ROWS:
-        return np.arange(len(place), dtype=np.int32), candidate, 0.0
-    parts = max(_PARTS, math.isqrt(_ROWS // count))
-    axes, spots = enu_rotation(near.sites.lon_deg, near.sites.lat_deg), near.places.unit
-    half = math.sin(min(near.radius_m / MOON_RADIUS_M, math.pi / 2.0)) * (1.0 + 1e-9)
-    row = np.empty(len(place), np.int32)
-    for start in range(0, len(place), _TOGETHER):
-        some = slice(start, start + _TOGETHER)
-        offset = np.einsum("kij,kj->ki", axes[candidate[some], :2], spots[place[some]])
-        part = np.clip((offset / half + 1.0) / 2.0 * parts, 0, parts - 1).astype(np.int64)
-        row[some] = (candidate[some] * parts + part[:, 0]) * parts + part[:, 1]
-    owner = np.repeat(np.arange(count), parts**2)
-    return row, owner, _SAFETY * math.sqrt(2.0) * 2.0 * half / parts
-
-
-def _suns(lat_deg: Array, grid: SunCells) -> tuple[Index, Mask, Mask]:
-    """The number of each candidate's latitude, and at each latitude the cells (l, e a) in which the Sun can
-    stand and the directions (l, e, a) that are evaluated.
-    """
-    rounded = np.round(lat_deg / _LATITUDE_STEP_DEG) * _LATITUDE_STEP_DEG
-    latitudes, number = np.unique(rounded, return_inverse=True)
-    shape = (len(latitudes), *grid.shape)
-    happens, known = np.zeros(shape, np.bool_), np.zeros(shape, np.bool_)
-    for k, lat in enumerate(latitudes.tolist()):
-        happens[k] = grid.happens(lat)
-        known[k] = reachable_suns(lat, grid.azimuth, grid.elevation)
-    return number.astype(np.int64), happens.reshape(len(latitudes), math.prod(grid.shape)), known
-
 
 _FINEST, _COARSEST = 16.0, 4.0
 """Steps of the lattice of places in a footprint's diameter: at most, and at least where there are many
@@ -274,7 +176,7 @@ class PromiseChoice:
     units: Units
     best: Bytes = field(init=False)
     _nearby: Nearby = field(init=False)
-    _worth: list[Bytes] = field(init=False, default_factory=list)
+    _claims: list[Bytes] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         self.best = np.zeros((len(self.places.demand), len(self.columns)), np.uint8)
@@ -303,11 +205,11 @@ class PromiseChoice:
 
     def see(self, table: AnyArray, stages: Bytes) -> None:
         """Note what an area's candidates are good for (`finished_area.cell_stages`)."""
-        own = np.ascontiguousarray(stages[:, self.columns])
+        causes, claims = np.hsplit(stages, 2)
         sites = Places(table["lon_deg"], table["lat_deg"])
         first, place = self._nearby.around(sites, self.places.radius_m)
-        raise_to(self.best, first, place, own % UNIT)
-        self._worth.append(own // UNIT)
+        raise_to(self.best, first, place, np.ascontiguousarray(causes[:, self.columns]))
+        self._claims.append(np.ascontiguousarray(claims))
 
     def choose(self, table: AnyArray, has_heights: Mask, most: int | None) -> tuple[Index, Promise]:
         """Rows of the table of all areas that become points, in the order of their ids, and how the
@@ -353,12 +255,13 @@ class PromiseChoice:
         """Rows that can be chosen and what they are worth, what is wanted of them and what is promised, (place, cell)."""
         pool = self._pool(table)
         sites = Places(table["lon_deg"][pool], table["lat_deg"][pool])
-        worth = np.concatenate(self._worth)[pool]
+        claims = Claimed.of(
+            np.concatenate(self._claims)[pool], table["slope_sigma"][pool], self.config
+        )
         radius_m = self.places.radius_m
         first, place = self._nearby.around(sites, radius_m)
         near = Near(sites, self.places.at, radius_m, first, place)
-        grid = SunCells.of(self.config.sun.elevations_deg, self.config.sun.azimuths_deg)
-        cover, happens = moment_cover(near, worth, grid, self.columns)
+        cover, happens = moment_cover(near, claims, self.columns)
         demand = np.where(happens, self._demand(), 0).astype(np.int16)
         return pool, cover, np.minimum(demand, cover.counts(np.arange(len(pool)))), demand
 
@@ -403,4 +306,4 @@ class PromiseChoice:
 def _cells(grid: SunCells, lat_deg: float, config: BuildConfig) -> Mask:
     """The cells of the Sun grid that can happen at a latitude and for which claims are made."""
     known = reachable_suns(lat_deg, grid.azimuth, grid.elevation)
-    return grid.claims(lat_deg, known, (config.points.min_detection,)).exists
+    return grid.claims(lat_deg, known, config.points.min_detection).exists

@@ -17,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from ..arrays import AnyArray, Bytes, Index, Mask
-from ..catalog.schema import Cause
+from ..catalog.schema import DETECTION_STEP, Cause
+from ..kernels.sun_moments import UNKNOWN
 from ..landmarks.selection import SPARE_STAGE, USABLE_STAGE
 from ..rendering.plan import ScenePlan
 from .area_job import FIRST, SITE, AreaJob, AreaResult
 from .assembly import choose
 from .checkpoints import Checkpoints, StoredArea, lost_area
 from .config import BuildConfig
-from .finished_area import UNIT, FinishedArea, finished_area, record_type
+from .finished_area import FinishedArea, finished_area, record_type, units_of
 from .kept_ground import KEPT_AREAS, KEPT_MB, KeptGrounds
 from .promise import PromiseChoice
 from .recipe import Recipe
@@ -214,7 +215,8 @@ class _SecondPass:
         records = np.concatenate(parts)[np.argsort(np.concatenate(rows))]
         table, stages, others = area.table, area.stages, ~area.evaluated
         table["worth"][others] = table["checksum"][others] = 0
-        stages[others] = _not_evaluated(stages[others], settled)
+        least = 0 if settled else round(units_of(self.recipe.config).least[0] / DETECTION_STEP)
+        stages[others] = _not_evaluated(stages[others], least)
         if not settled:
             table["stage"][others & (table["stage"] == USABLE_STAGE)] = SPARE_STAGE
         plan = ScenePlan.from_json(json.loads(area.plan))
@@ -253,10 +255,15 @@ class _Known:
             self.stages[rows] = own.stages
 
 
-def _not_evaluated(stages: Bytes, settled: bool) -> Bytes:
-    """The stages (n, cells) of candidates of which only a first look is known: they are worth nothing."""
-    causes = stages % np.uint8(UNIT)
-    return causes if settled else np.where(stages >= UNIT, np.uint8(Cause.NOT_EXAMINED), causes)
+def _not_evaluated(stages: Bytes, least: int) -> Bytes:
+    """The stages (n, 2 cells) of candidates of which only a first look is known: they are worth nothing. ``least``: probability,
+    in its steps, from which one would be worth something, and is not examined; 0: none would be chosen.
+    """
+    causes, codes = np.hsplit(stages, 2)
+    if least:
+        some = (causes > Cause.MET) & (codes >= least) & (codes < UNKNOWN)
+        causes = np.where(some, np.uint8(Cause.NOT_EXAMINED), causes)
+    return np.concatenate([causes, np.where(codes < UNKNOWN, np.uint8(0), codes)], axis=1)
 
 
 def _chosen_after(table: AnyArray, evaluated: Mask, config: BuildConfig) -> Index:

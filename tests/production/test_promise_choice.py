@@ -12,6 +12,7 @@ import pytest
 from helpers.small_build import CONFIG, DEM
 from scipy.spatial import KDTree
 
+from lcp_catalog.arrays import Bytes
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.catalog.schema import NO_CELL, Cause
@@ -19,6 +20,7 @@ from lcp_catalog.catalog.verification import open_catalog, verify
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import lonlat_to_mcmf
+from lcp_catalog.kernels.sun_moments import UNKNOWN
 from lcp_catalog.landmarks.located import Units, chance_of, needed
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.matching.joint_detection import at_least_found
@@ -231,11 +233,19 @@ def test_a_limited_size_is_the_start_of_the_curve(
     assert told.least_points == 0.0
 
 
+def without_use(stages: Bytes | None, stage: Cause) -> Bytes:
+    """Of candidates that one cause stops in all cells."""
+    assert stages is not None
+    causes, claims = np.hsplit(stages, 2)
+    stopped = np.where(causes > 0, np.uint8(stage), np.uint8(0))
+    return np.concatenate([stopped, np.where(claims < UNKNOWN, np.uint8(0), claims)], axis=1)
+
+
 def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, FinishedArea]) -> None:
     """The furthest stage of the candidates near; nothing near is featureless, or off the DEM."""
     for stage in (Cause.DARK, Cause.AMBIGUOUS, Cause.DEPENDENT, Cause.MARGINAL):
         poor = [
-            dataclasses.replace(area, stages=np.where(area.stages > 0, stage, 0).astype(np.uint8))
+            dataclasses.replace(area, stages=without_use(area.stages, stage))
             for area in areas.values()
         ]
         ids, told = chosen(plan, poor)
@@ -245,7 +255,7 @@ def test_candidates_without_use_give_the_cause(plan: Build, areas: dict[str, Fin
     promise = PromiseChoice.of(plan.recipe.region, plan.recipe.config)
     assert promise is not None
     none = areas[plan.jobs[0].task.name].table[:0]
-    promise.see(none, np.zeros((0, 1 + promise.columns.max()), np.uint8))
+    promise.see(none, areas[plan.jobs[0].task.name].stages[:0])
     rows, told = promise.choose(none, np.arange(len(promise.best)) % 2 > 0, None)
     known = told.demand > 0
     assert not len(rows)

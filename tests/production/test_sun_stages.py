@@ -1,4 +1,4 @@
-"""What stops candidates under the Suns of a cell: the worst corner, and the margin between the corners."""
+"""What stops candidates under the Suns of a cell: the worst corner, and the margin between the corners; and what they claim."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 from helpers.small_build import CONFIG
 
 from lcp_catalog.catalog.schema import EVALUATED, LOCALIZABLE, UNOCCLUDED, UNSHADOWED, USABLE, Cause
+from lcp_catalog.kernels.sun_moments import UNKNOWN
 from lcp_catalog.production.area_job import Candidates
 from lcp_catalog.production.config import SunConfig, ViewConfig
 from lcp_catalog.production.evaluation import Evaluation
-from lcp_catalog.production.finished_area import UNIT, cell_stages, units_of
+from lcp_catalog.production.finished_area import cell_stages
 
 PLAN = dataclasses.replace(
     CONFIG,
@@ -37,12 +38,12 @@ def candidates(condition: list[int], detection: list[float], sigma: list[float])
 
 
 def test_the_worst_corner_decides() -> None:
-    flags = [USABLE, USABLE, EVALUATED, EVALUATED, EVALUATED | LOCALIZABLE, USABLE - UNOCCLUDED]
+    free = EVALUATED | UNSHADOWED | UNOCCLUDED
+    flags = [USABLE, USABLE, EVALUATED, EVALUATED, free | LOCALIZABLE, USABLE - UNOCCLUDED]
     chances = [1.0, 0.91, 0.0, 0.0, 0.5, 1.0]
     sigmas = [30.0, 30.0, np.inf, 30.0, 30.0, 30.0]
     found = cell_stages(candidates(flags, chances, sigmas), PLAN)
-    assert (found[:, 0] // UNIT).tolist() == [1, 0, 0, 0, 0, 0]
-    assert (found[:, 0] % UNIT).tolist() == [
+    assert found[:, 0].tolist() == [
         Cause.FEW,
         Cause.MARGINAL,  # 0.91 is enough at the corner, but not for the rule between the corners
         Cause.DARK,
@@ -50,24 +51,24 @@ def test_the_worst_corner_decides() -> None:
         Cause.AMBIGUOUS,
         Cause.DEPENDENT,
     ]
-    assert (found[:, 1:] == 0).all()  # the last of each axis begins no cell
+    assert (found[:, 1:4] == 0).all()  # the last of each axis begins no cell
+    # in steps of 0.004; only where it can be a point
+    assert found[:, 7].tolist() == [250, 228, 0, 0, 125, 0]
+    assert (found[:, 4:7] == 250).all()
 
 
-def test_units_are_those_of_the_worst_corner() -> None:
-    """With a margin of the rule between the corners, at most 0.375 in the logit; and nothing for a patch that is hidden."""
+def test_points_that_are_not_usable_count_where_a_probability_is_promised() -> None:
+    """Not where the patch is hidden; a Sun that is not evaluated is known as such."""
     points = dataclasses.replace(PLAN.points, per_view=None, located_probability=0.99)
     plan = dataclasses.replace(PLAN, points=points)
-    least = units_of(plan).least
     flags = [EVALUATED | UNSHADOWED | UNOCCLUDED] * 5 + [USABLE - UNOCCLUDED]
     chances = [1.0, 0.8, 0.4, 0.2, np.nan, 1.0]
-    found = cell_stages(candidates(flags, chances, [30.0] * 6), plan)[:, 0]
-    units = (found // UNIT).tolist()
-    assert [units[0], *units[3:]] == [len(least), 0, 0, 0]
-    for told, p in zip(units[1:3], (0.8, 0.4), strict=True):
-        lower = 1.0 / (1.0 + np.exp(0.375 - np.log(p / (1.0 - p))))
-        assert np.searchsorted(least, lower, "right") <= told < np.searchsorted(least, p, "right")
-    assert 1 <= units[2] < units[1]
+    given = candidates(flags, chances, [30.0] * 6)
+    given.evaluation.condition[:, 0, 0, 0] = 0
+    found = cell_stages(given, plan)
+    assert found[:, 7].tolist() == [250, 200, 100, 50, 0, 0]
+    assert (found[:, 4] == UNKNOWN).all()
 
 
 def test_without_candidates_there_are_no_rows() -> None:
-    assert cell_stages(candidates([], [], []), PLAN).shape == (0, 4)
+    assert cell_stages(candidates([], [], []), PLAN).shape == (0, 8)
