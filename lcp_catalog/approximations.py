@@ -351,7 +351,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "how clearly relief shows between conditions",
         Figure(0.026, "", "a probability, mean over claims between elevations twice as far apart", MEASURED),
         "claims of the sample against those of their neighbours: mean error 0.026 over elevation, 0.022 over azimuth; of averages of logits 0.033 and 0.016. A spread of 0.9 or 1.3 in place of 1.1 changes 2.0 and 1.3 % of the usable conditions between, 0.13 of a probability at most, other constants fewer (6bb26eca, 2026-11-28)",
-        constants=("landmarks.relief_signal._NEEDED", "landmarks.relief_signal._SPREAD", "landmarks.relief_signal._LEAST_HEIGHT", "landmarks.relief_signal._LEAST_SLOPE_SIGNAL", "landmarks.relief_signal._LEAST_COSINE"),
+        constants=("landmarks.relief_signal._NEEDED", "landmarks.relief_signal._SPREAD", "landmarks.relief_signal._LEAST_HEIGHT", "landmarks.relief_signal.LEAST_SLOPE_SIGNAL", "landmarks.relief_signal.LEAST_COSINE"),
         unpriced="no switch: it belongs to a query", price="nothing in a build",
     ),
     Approximation(
@@ -484,6 +484,13 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "places 16 steps apart in a footprint, 4 in a large region; a point counts where it is in view from every place between them, so never fewer points than are needed: in 0.81 of the area in which a footprint shows patches whole. 300 km, footprints of 60 km, cells of 59 m, 3000 made candidates: 554 points, with 24 steps 539, with 40 steps 525: 6 % more (68073a09, 2026-11-29)",
         constants=("production.promise._FINEST", "production.promise._COARSEST"), unpriced="no switch: it follows from `points.footprint_km` and the region",
         price="1.8 s of the choice, 7.4 s with 24 steps (150 km at Hadley, cells of 474 m, 264 Suns, 5 views)",
+    ),
+    Approximation(
+        "moments of a promise",
+        Figure(0.3, "%", "the places under random Suns, whose units are fewer than told", MEASURED),
+        "the lowest and the highest Sun in the middle of parts of a cell, 1 by 5 deg: 0.3 % of 7200 random Suns have fewer units than told, by 17 % at most, and none that was told as enough has too few (Hadley, Taurus-Littrow, 2b299765, 2026-11-29)",
+        constants=("kernels.sun_moments.PART_DEG", "production.moments._SLOPE_STEP", "production.moments._HEIGHTS"),
+        unpriced="no switch: a part is far below the steps of a grid of Suns", price="not measured alone: one build of Hadley took 33 s by whole cells and 36 s by moments (2026-11-29)",
     ),
     Approximation(
         "latitudes of a promise",
