@@ -119,12 +119,14 @@ def joint_detection(
     probability: Array,
     covariance_px2: Array,
     uncertainty: Uncertainty = USUAL,
+    sun_direction: ArrayLike | None = None,
 ) -> JointDetection:
     """Joint detection of the points ``rows`` (n,) in view of a sensor with the claimed ``probability`` (n,) and
     the covariances (n, 2, 2) of their matches, pixels of the sensor's image; ``uncertainty``: what is known of the sensor
-    when the points are searched for. `locate` looks for the points of one scale, at most `Options.most_first`.
+    when the points are searched for. `locate` looks for the points of one scale under its Sun (``sun_direction``, unit MCMF
+    vector), at most `Options.most_first`.
     """
-    some = np.isin(rows, at_one_scale(catalog, rows, sensor))
+    some = np.isin(rows, at_one_scale(catalog, rows, sensor, sun_direction))
     order = np.argsort(-probability[some], kind="stable")[: OPTIONS.most_first]
     chosen = np.flatnonzero(some)[order]
     if not len(chosen):

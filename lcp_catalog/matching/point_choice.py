@@ -29,6 +29,7 @@ from ..catalog.stored import narrowed
 from ..constants import MOON_RADIUS_M
 from ..errors import SunError
 from ..images.image import Image
+from ..landmarks.located import Units
 from ..landmarks.point_spread import sharper_sigma
 
 NO_CLAIM = 0.5
@@ -36,6 +37,9 @@ NO_CLAIM = 0.5
 
 LEAST_SIGMA_PX = 0.02
 """1 sigma, each axis, of what a match errs beyond its covariance."""
+
+_ENOUGH, _NEARLY = 0.99, 0.9
+"""Probability with which points that are enough locate a frame; share of the most that is as good."""
 
 _LEAST_MOVING = 1e-3
 """Share of the noise that displaces matches below which that of a claim says nothing about the rest."""
@@ -83,16 +87,18 @@ class PointClaims:
         return at_least(noise_px2 - self.still_px2, self.covariance_px2)
 
 
-def claimed(catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike) -> Prediction:
-    """Prediction for points (rows (n,) of a catalogue) in an image of ``sensor``, whose pixels are those
+def claimed(
+    catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike, factor: int = 1
+) -> Prediction:
+    """Prediction for points (rows (n,) of a catalogue) in an image of ``sensor``, reduced by ``factor``, whose pixels are those
     of the searched image; ``sun_directions`` (n, 3): unit MCMF vectors.
     """
     places, rotation = catalog.position_mcmf[rows], catalog.rotation_mcmf_to_enu[rows]
     sun = np.einsum("nij,nj->ni", rotation, np.asarray(sun_directions, np.float64))
     view = np.einsum("nij,nj->ni", rotation, sensor.towards(places))
-    pixel = pixel_size_m(sensor, places) if len(rows) else np.zeros(0)
+    pixel = factor * (pixel_size_m(sensor, places) if len(rows) else np.zeros(0))
     height = altitude_km(sensor, places)
-    return predict(catalog, rows, sun, view, pixel, height, sensor.factor)
+    return predict(catalog, rows, sun, view, pixel, height, factor * sensor.factor)
 
 
 def at_least(covariance: Array, least: Array) -> Array:
@@ -206,11 +212,15 @@ class _Cone:
         return angle <= math.acos(self.cosine) + math.asin(radius_m / distance)
 
 
-def at_one_scale(catalog: Catalog, rows: Index, sensor: Sensor) -> Index:
-    """Those rows whose level works at one scale of the image: the cell is not larger than the pixel, and
+def at_one_scale(
+    catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike | None
+) -> Index:
+    """Those rows (n,) whose level works at one scale of the image: the cell is not larger than the pixel, and
     the pixel not larger than the greatest `Catalog.gsd_max` of the level. Scales are the image's own and,
-    for levels of larger cells, reduced ones; the finest is taken at which at least half as many points
-    work as at the best. All rows if they are of one level, or if no level works.
+    for levels of larger cells, reduced ones; the finest is taken at which points are surely enough to locate the frame under the
+    Sun (``sun_directions`` (n, 3) or (3,), unit MCMF vectors), else one at which they are worth most (`landmarks.located`).
+    Without claims, the finest at which at least half as many points work as at the best. All rows if they are of one level, or
+    if no level works.
     """
     level = np.asarray(catalog.level)[rows]
     of_level = [level == number for number in np.unique(level)]
@@ -222,8 +232,25 @@ def at_one_scale(catalog: Catalog, rows: Index, sensor: Sensor) -> Index:
     scale_m = np.unique(np.maximum(pixel_m, cell_m))[:, None]
     works = ((cell_m <= scale_m) & (scale_m <= coarsest_m)) @ np.array(of_level)
     count = works.sum(axis=1)
-    best = works[np.argmax(2 * count >= count.max())]
-    return rows[best] if best.any() else rows
+    best = int(np.argmax(2 * count >= count.max()))
+    if sun_directions is not None:
+        suns = np.broadcast_to(sun_directions, (len(rows), 3))
+        factors = np.maximum(np.rint(scale_m[:, 0] / pixel_m), 1.0).astype(np.int64).tolist()
+        parts = zip(works, factors, strict=True)
+        worth = [_worth(catalog, rows[some], sensor, suns[some], k) for some, k in parts]
+        enough = np.minimum(worth, 1.0)
+        best = int(np.argmax(enough >= _NEARLY * enough.max())) if max(worth) > 0.0 else best
+    return rows[works[best]] if works[best].any() else rows
+
+
+def _worth(catalog: Catalog, rows: Index, sensor: Sensor, suns: Array, factor: int) -> float:
+    """Units of points by their claims in a reduced image, over those that surely locate a frame."""
+    if not len(rows):
+        return 0.0
+    units = Units.of_located(_ENOUGH, float(catalog.gsd[rows].max()))
+    claims = claimed(catalog, rows, sensor, suns, factor)
+    p = np.nan_to_num(claims.detection_probability)
+    return float(np.searchsorted(units.least, p, "right").sum()) / units.demand
 
 
 def choose_points(
@@ -378,11 +405,13 @@ def reductions(
     return factors
 
 
-def usual_reductions(catalog: Catalog, sensor: Sensor, rows: Index) -> Index:
+def usual_reductions(
+    catalog: Catalog, sensor: Sensor, rows: Index, sun_directions: ArrayLike | None
+) -> Index:
     """`reductions` (n,) of the points in view (rows (n,)) where those `at_one_scale` are searched first."""
     if not len(rows):
         return np.ones(0, np.int64)
-    first = at_one_scale(catalog, rows, sensor)
+    first = at_one_scale(catalog, rows, sensor, sun_directions)
     levels = frozenset(np.asarray(catalog.level)[first].tolist())
     return reductions(catalog, sensor, rows, levels, reduction(catalog, sensor, first))
 

@@ -210,7 +210,9 @@ def locate(
             image, "image", "an Image (of a simulated frame `image`) or the path of its file"
         )
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
-    area = area.only(np.isin(area.points, at_one_scale(catalog, area.points, image.sensor)))
+    suns = image.sun_directions(catalog.position_mcmf[area.points])
+    first = at_one_scale(catalog, area.points, image.sensor, suns)
+    area = area.only(np.isin(area.points, first))
     working = working_image(catalog, image, area.points)
     levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
     search = _FixSearch(catalog, image, working, uncertainty, law, options, levels)

@@ -259,9 +259,8 @@ def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetect
     covariance = slope @ claims.covariance_m2[some] @ np.swapaxes(slope, -1, -2)
     attitude = min(query.attitude_sigma_rad, USUAL.attitude_rad)
     known = Uncertainty(USUAL.position_m, attitude)
-    return joint_detection(
-        catalog, rows, sensor, claims.detection_probability[some], covariance, known
-    )
+    found = claims.detection_probability[some]
+    return joint_detection(catalog, rows, sensor, found, covariance, known, points.frame.sun)
 
 
 _NOT_CLAIMED = CAUSES.index("edge"), CAUSES.index("sun")

@@ -114,7 +114,7 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
         view[part] = np.einsum("nij,nj->ni", rotation[part], one.frame.sensor.towards(one.places))
     sizes = np.concatenate([one.pixel_m for one in seen] or [np.zeros(0)])
     heights = [altitude_km(one.frame.sensor, one.places) for one in seen]
-    reduced = [usual_reductions(catalog, one.frame.sensor, one.rows) for one in seen]
+    reduced = [usual_reductions(catalog, one.frame.sensor, one.rows, one.frame.sun) for one in seen]
     factor = np.concatenate([*reduced, np.zeros(0, np.int64)])
     height = np.concatenate([*heights, np.zeros(0)])
     claims = predict(catalog, rows, sun, view, sizes, height, factor)

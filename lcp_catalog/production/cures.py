@@ -275,7 +275,7 @@ class Trial:
             if after is None:
                 continue
             if effect := _effect(before, after):
-                helps.append((cure, effect))
+                helps.append((cure, effect + self._with_both(cure)))
             else:
                 useless.append(cure)
         km = side * self.build.recipe.gsd_m / 1e3
@@ -293,6 +293,14 @@ class Trial:
         if untried or dear:
             parts.append(f"not tried: {self._priced([*untried, *dear])}")
         return "; ".join(parts)
+
+    def _with_both(self, cure: Cure) -> str:
+        """Advice beside larger cells: both sizes together keep what the smaller ones are good for."""
+        cells_m = self.build.recipe.gsd_m, cure.changes.get("area.gsd_m", 0.0)
+        if cells_m[1] <= cells_m[0]:
+            return ""
+        both = _text("area.levels_m", cells_m)
+        return f"; with both, `area.levels_m` {both}, positions under low Suns stay as fine"
 
     def _priced(self, some: Sequence[Cure]) -> str:
         """Changes with what they cost: the work, and what it takes at the pace of this build."""

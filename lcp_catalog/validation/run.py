@@ -365,7 +365,8 @@ def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: 
     """
     reach = 2.0 * options.most_sigmas
     rows = perhaps_in_view(catalog, image.sensor, request.uncertainty, reach).points
-    rows = at_one_scale(catalog, rows, image.sensor)
+    suns = image.sun_directions(catalog.position_mcmf[rows])
+    rows = at_one_scale(catalog, rows, image.sensor, suns)
     return catalog.take(rows, cells=np.zeros(0, np.int64)) if len(rows) else catalog
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import small_world
+from helpers.navigable import everywhere_usable
 from helpers.posed import HADLEY
 from helpers.small_world import GSD_M, LAW, World, overhead
 from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
-from lcp_catalog.geometry.frames import EnuFrame, mcmf_to_lonlat
+from lcp_catalog.catalog.schema import summarise_usable
+from lcp_catalog.geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches
 from lcp_catalog.matching.point_choice import at_one_scale, working_image
@@ -65,7 +68,7 @@ def test_points_of_the_levels_that_suit_the_pixel(
 ) -> None:
     catalog = levels(counts)
     camera = overhead(pixel_m=pixel_m)
-    rows = at_one_scale(catalog, np.arange(len(catalog)), camera)
+    rows = at_one_scale(catalog, np.arange(len(catalog)), camera, None)
     np.testing.assert_array_equal(rows, np.flatnonzero(np.isin(catalog.level, list(used))))
 
 
@@ -134,3 +137,40 @@ def test_a_position_is_solved_from_all_levels_each_at_its_own_scale(
     assert both.pose.used[level == 0].sum() >= 15
     assert both.pose.used[level == 1].sum() >= 5
     assert position_error(both.pose, camera).squared < 16.3
+
+
+@pytest.mark.parametrize(
+    ("fine", "coarse", "used"),
+    [
+        (0.98, 0.98, {0}),  # enough at the finest
+        (0.3, 0.98, {0, 1}),  # 40 of the finest are not
+        (0.3, 0.3, {0, 1}),  # nowhere enough: all together are worth most
+        (0.02, 0.02, {0}),  # nothing is worth anything: by their number, as without claims
+    ],
+)
+def test_the_scale_is_the_finest_at_which_points_are_enough_under_the_sun(
+    fine: float, coarse: float, used: set[int]
+) -> None:
+    """11 certain points locate a frame, 40 of 0.3 do not (docs/explanation/selection.md)."""
+    level = np.repeat([0, 1], [40, 20]).astype(np.int32)
+    gsd = 100.0 * 2.0**level
+    whole = everywhere_usable(60)
+    claims = np.where(level == 0, fine, coarse)[:, None, None, None, None]
+    usable = np.where(claims[:, 0] >= 0.9, 31, 25).astype(np.uint8)
+    condition = np.broadcast_to(usable, whole.condition.shape)
+    lowest, highest = summarise_usable(condition, whole.sun_elevation)
+    catalog = dataclasses.replace(
+        whole,
+        level=level,
+        gsd=gsd,
+        gsd_min=gsd,
+        gsd_max=4.0 * gsd,
+        condition=condition,
+        sun_elevation_min=lowest,
+        sun_elevation_max=highest,
+        detection_probability=np.broadcast_to(claims, whole.detection_probability.shape),
+    )
+    camera = overhead(pixel_m=100.0)
+    sun = HADLEY.direction_to_mcmf(direction_enu(100.0, 17.0))
+    rows = at_one_scale(catalog, np.arange(60), camera, sun)
+    np.testing.assert_array_equal(rows, np.flatnonzero(np.isin(level, list(used))))

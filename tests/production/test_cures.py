@@ -122,6 +122,16 @@ def test_only_what_helps_is_named() -> None:
         assert one.points.footprint_km == pytest.approx(max(60.0, 0.099 * one.area.gsd_m))
 
 
+def test_beside_larger_cells_both_are_named() -> None:
+    def measure(config: BuildConfig) -> Yield:
+        return Yield(5, 30 if config.area.gsd_m == 1896.0 else 20, 100)
+
+    assert (
+        "the promise is kept in 30 % there (20 % without); with both, `area.levels_m` 948,1896, positions under low Suns "
+        "stay as fine" in advice(measure, {"ambiguous": 0.6})
+    )
+
+
 def test_where_nothing_helps_the_cause_is_said() -> None:
     text = advice(lambda config: Yield(5, 20, 100), {"ambiguous": 0.6})
     assert (
