@@ -16,16 +16,18 @@ import click
 from lcp_catalog.stages import Progress, unseen
 
 from .build_options import OPTIONS, PartParam, build_options
-from .files import FileCommand, InputFile, OutputFile, depfile_option
+from .files import FileCommand, OutputFile, depfile_option
 from .groups import collected
 from .messages import echo, log_format_option, say
 from .names import option as option_of
 from .options import (
+    altitude_option,
     camera_file_option,
     dem_argument,
     json_option,
     output_option,
     overwrite_option,
+    trajectory_option,
 )
 from .value_types import POSITIVE, Number
 from .warm_up import compile_missing
@@ -105,11 +107,8 @@ image_options = collected(
         "stated, the Suns (of the camera's Sun or time), the cells, the footprint and the region.",
         multiple=True,
     ),
-    click.option(
-        "--trajectory",
-        type=InputFile(),
-        metavar="FILE",
-        help="The same for the frames of a trajectory, as in lcp query; a CSV needs --camera.",
+    trajectory_option(
+        "The same for the frames of a trajectory, as in lcp query; a CSV needs --camera."
     ),
     click.option(
         "--field-of-view",
@@ -119,13 +118,7 @@ image_options = collected(
         help="The same for a camera that looks straight down anywhere: angle along a side of its square image. It gives "
         "views and footprint.",
     ),
-    click.option(
-        "--altitude",
-        "altitude_km",
-        type=POSITIVE,
-        metavar="KM",
-        help="With --field-of-view: altitude of the camera.",
-    ),
+    altitude_option("With --field-of-view: altitude of the camera."),
 )
 
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -83,18 +84,20 @@ def _kernels(path: str) -> Iterator[Path]:
         yield from kernel_files(path)
 
 
+def kernels_option(text: str, required: bool = False) -> Decorator:
+    """``--kernels``, files; ``text``: which."""
+    how: dict[str, Any] = {"multiple": True, "required": required, "type": InputFile(_kernels)}
+    return click.option("--kernels", metavar="META.tm...", help=text, **how)
+
+
 def spice_options(required: bool) -> Decorator:
     """The kernels, and the names that they have for spacecraft and camera."""
     needed = "" if required else " For .bsp and .bc."
     return option_group(
-        click.option(
-            "--kernels",
-            multiple=True,
-            required=required,
-            type=InputFile(_kernels),
-            metavar="META.tm...",
-            help="SPICE kernels, or meta-kernels that name them: SPK, CK, SCLK, FK, IK, LSK, and the Moon's PCK and FK."
+        kernels_option(
+            "SPICE kernels, or meta-kernels that name them: SPK, CK, SCLK, FK, IK, LSK, and the Moon's PCK and FK."
             + needed,
+            required,
         ),
         click.option(
             "--observer", required=required, metavar="NAME", help="The spacecraft, or its number."
@@ -206,12 +209,8 @@ def from_spice(
 @camera_file_option("The camera: lens and image size; its place is not used.", required=True)
 @click.option("--time", type=Instant(), metavar="UTC", help="One camera, at an instant.")
 @range_option("A trajectory, a camera each STEP (30s, 1m, PT1M).")
-@click.option(
-    "--kernels",
-    multiple=True,
-    type=InputFile(_kernels),
-    metavar="META.tm...",
-    help="SPICE kernels with the Moon's orientation (PCK, FK), for messages in an inertial frame.",
+@kernels_option(
+    "SPICE kernels with the Moon's orientation (PCK, FK), for messages in an inertial frame."
 )
 @click.option(
     "--mounting",

@@ -11,7 +11,7 @@ from .build_options import field_option
 from .files import CATALOG, RASTER, InputFile, OutputFile
 from .groups import Decorator, collected, option_group
 from .names import in_options
-from .value_types import AZIMUTH, PLACE, Instant, Number, Step
+from .value_types import AZIMUTH, PLACE, POSITIVE, Instant, Number, Step
 
 if TYPE_CHECKING:
     from lcp_catalog.light.sun_choice import SunChoice
@@ -41,6 +41,21 @@ def range_option(text: str, metavar: str = "START STOP STEP", required: bool = F
     """``--range``, instants at equal steps, which a command gets as ``span``; ``text``: what they are."""
     kind = click.Tuple([Instant(), Instant(), Step()])
     return click.option("--range", "span", type=kind, required=required, metavar=metavar, help=text)
+
+
+def altitude_option(text: str) -> Decorator:
+    """``--altitude`` of a camera, which a command gets as ``altitude_km``; ``text``: which altitude it is."""
+    return click.option("--altitude", "altitude_km", type=POSITIVE, metavar="KM", help=text)
+
+
+def center_option(text: str, *names: str, **settings: Any) -> Decorator:
+    """``--center``, a place; ``text``: which it is; ``settings``: further ones of click."""
+    return click.option("--center", *names, type=PLACE, metavar="LON LAT", help=text, **settings)
+
+
+def trajectory_option(text: str) -> Decorator:
+    """``--trajectory``, a file; ``text``: what it is for."""
+    return click.option("--trajectory", type=InputFile(), metavar="FILE", help=text)
 
 
 catalog_argument = click.argument("catalog", metavar="CATALOG.h5", type=CATALOG)

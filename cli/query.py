@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from . import options
-from .files import FileCommand, InputFile, require_ending
+from .files import FileCommand, require_ending
 from .groups import collected, option_group
 from .messages import echo, say
 from .names import in_options
@@ -63,12 +63,9 @@ frame_options = collected(
     options.camera_file_option(
         "Camera file: CAMERA.json, USGS ISD or .tsai. With --trajectory FILE.csv: the camera without its place."
     ),
-    click.option(
-        "--trajectory",
-        type=InputFile(),
-        metavar="FILE",
-        help="Frames in time: CSV with time_utc, x_m, y_m, z_m and qw, qx, qy, qz (or r11 ... r33), or a JSON list of "
-        "CAMERA.json objects.",
+    options.trajectory_option(
+        "Frames in time: CSV with time_utc, x_m, y_m, z_m and qw, qx, qy, qz (or r11 ... r33), or a JSON list of "
+        "CAMERA.json objects."
     ),
 )
 """The frames, which a command gets as ``frames``."""

@@ -196,12 +196,8 @@ view_options = collected(
         "Camera file: CAMERA.json, a USGS ISD (framing camera, line scanner, push-frame camera) or a .tsai file."
     ),
     options.view_angle_options,
-    click.option(
-        "--altitude",
-        "altitude_km",
-        type=POSITIVE,
-        metavar="KM",
-        help="Altitude of the camera above the reference sphere; default: infinity (parallel rays).",
+    options.altitude_option(
+        "Altitude of the camera above the reference sphere; default: infinity (parallel rays)."
     ),
     click.option(
         "--frame",

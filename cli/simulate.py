@@ -14,7 +14,7 @@ from .environment_options import EnvironmentOptions, environment_options
 from .files import FileCommand, InputFile, OutputFile, raster_files
 from .groups import collected
 from .pointing_options import CameraOptions, camera_options
-from .value_types import PLACE, POSITIVE, Number
+from .value_types import POSITIVE, Number
 from .warm_up import compile_missing
 
 if TYPE_CHECKING:
@@ -126,20 +126,8 @@ detector_options = collected(
 @options.product_order_option
 @options.output_option("FRAME.png|.tif", OutputFile(_written))
 @camera_options("Camera of the frame; or one without a file: --fov.")
-@click.option(
-    "--center",
-    "center_deg",
-    type=PLACE,
-    metavar="LON LAT",
-    help="With --fov: the point under the camera, degrees.",
-)
-@click.option(
-    "--altitude",
-    "altitude_km",
-    type=POSITIVE,
-    metavar="KM",
-    help="With --fov: altitude of the camera above the reference sphere.",
-)
+@options.center_option("With --fov: the point under the camera, degrees.", "center_deg")
+@options.altitude_option("With --fov: altitude of the camera above the reference sphere.")
 @options.sun_angle_options
 @options.disc_option
 @render_options.bounce_option("off")

@@ -12,7 +12,7 @@ from . import options
 from .build_options import field_option
 from .files import FileCommand
 from .messages import echo
-from .value_types import LATITUDE, LONGITUDE, PLACE, Instant, Number
+from .value_types import LATITUDE, LONGITUDE, Instant, Number
 
 if TYPE_CHECKING:
     from lcp_catalog.ephemeris.solar_position import SunTable
@@ -38,12 +38,7 @@ COLUMNS = {
 @click.command(
     cls=FileCommand, rule=True, example="lcp sun --center 3.63 26.13 --time 1971-07-31T01:25:52"
 )
-@click.option(
-    "--center",
-    type=PLACE,
-    metavar="LON LAT",
-    help="The place, degrees east and north.",
-)
+@options.center_option("The place, degrees east and north.")
 @click.option("--lon", type=LONGITUDE, metavar="DEG", help="Longitude; with --lat: as --center.")
 @click.option("--lat", type=LATITUDE, metavar="DEG", help="Latitude; with --lon: as --center.")
 @click.option(

@@ -18,7 +18,7 @@ from .groups import collected
 from .messages import echo, say
 from .progress import progress
 from .sun import range_of
-from .value_types import PLACE, POSITIVE
+from .value_types import POSITIVE
 
 if TYPE_CHECKING:
     from lcp_catalog.navigation.site_windows import SiteWindows
@@ -65,12 +65,8 @@ site_options = collected(
     example="lcp windows site.h5 --center 3.5 26 --range 2026-03-01 2026-04-01 6h -o windows.csv",
 )
 @options.catalog_argument
-@click.option(
-    "--center",
-    type=PLACE,
-    required=True,
-    metavar="LON LAT",
-    help="Centre of the site, degrees; the Sun's angles are those there.",
+@options.center_option(
+    "Centre of the site, degrees; the Sun's angles are those there.", required=True
 )
 @options.range_option(
     "Instants from FROM to TO, UTC; STEP is like 30m, 6h, 1d or PT6H.",
