@@ -4,8 +4,6 @@ entries for Python and for C, and does the same with the kernel, into which the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -14,7 +12,10 @@ from llvmlite import ir
 from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.cpu import CPUContext
 from numba.extending import overload
+
+from .shortcuts import replaced, shortcuts
 
 
 def _raise_of_shapes(source: Any, target: Any) -> None:
@@ -53,35 +54,40 @@ class _PartLibrary(JITCodeLibrary):
 
     def set_env(self, name: str, env: Any) -> None:
         """Make the variable of this name, with which linked code finds its environment."""
-        module = self._codegen._create_empty_module(name)
-        place = ir.GlobalVariable(module, cgutils.voidptr_t, name)
-        place.linkage, place.initializer = "common", cgutils.get_null_value(cgutils.voidptr_t)
-        self._codegen._engine.add_module(llvm.parse_assembly(str(module)))
-        self._codegen._engine.finalize_object()
-        self._codegen.set_env(name, env)
+        _set_environments(self._codegen, {name: env})
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
         """What a file keeps: LLVM's code."""
         return self.name, "bitcode", self._get_module_for_linking().as_bitcode()
 
 
-@contextmanager
-def _set(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """Give an object or module an attribute of its own in the block."""
-    before = vars(owner).get(name)
-    setattr(owner, name, value)
-    try:
-        yield
-    finally:
-        if before is None:
-            delattr(owner, name)
-        else:
-            setattr(owner, name, before)
+def _set_environments(codegen: Any, environments: dict[str, Any]) -> None:
+    """Make variables in one module: LLVM searches all modules that it has for each that is added."""
+    module = codegen._create_empty_module("environments")
+    for name in environments:
+        place = ir.GlobalVariable(module, cgutils.voidptr_t, name)
+        place.linkage, place.initializer = "common", cgutils.get_null_value(cgutils.voidptr_t)
+    codegen._engine.add_module(llvm.parse_assembly(str(module)))
+    codegen._engine.finalize_object()
+    for name, env in environments.items():
+        codegen.set_env(name, env)
+
+
+_python_entry = CPUContext.create_cpython_wrapper
+
+
+def _entry_of_kernel(self: Any, library: Any, *others: Any, **options: Any) -> None:
+    if not isinstance(library, _PartLibrary):
+        _python_entry(self, library, *others, **options)
+
+
+def _no_entry(*_: Any) -> None:
+    """Stands for the entry of a function for C."""
 
 
 def only_parts(context: Any) -> Any:
     """In the block numba makes, or reads from files, parts."""
-    return _set(context.codegen(), "_library_class", _PartLibrary)
+    return replaced(context.codegen(), "_library_class", _PartLibrary)
 
 
 class KernelCompiler(Compiler):
@@ -95,11 +101,19 @@ class KernelCompiler(Compiler):
     def compile_extra(self, function: Any) -> Any:
         """numba's result."""
         arrayobj = import_module("numba.np.arrayobj")  # 0.1 s, which kernels of files do not need
+        parts: dict[str, Any] = {}
         with (
             only_parts(self.state.targetctx),
-            _set(arrayobj, "raise_with_shape_context", _raise_of_shapes),
+            shortcuts(),
+            replaced(arrayobj, "raise_with_shape_context", _raise_of_shapes),
+            replaced(CPUContext, "create_cpython_wrapper", _entry_of_kernel),
+            replaced(CPUContext, "create_cfunc_wrapper", _no_entry),
+            replaced(_PartLibrary, "set_env", lambda _, name, env: parts.update({name: env})),
         ):
-            return super().compile_extra(function)
+            try:
+                return super().compile_extra(function)
+            finally:
+                _set_environments(self.state.targetctx.codegen(), parts)
 
 
 class PartCompiler(Compiler):
