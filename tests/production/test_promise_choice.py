@@ -24,13 +24,15 @@ from lcp_catalog.kernels.sun_moments import UNKNOWN
 from lcp_catalog.landmarks.located import Units, chance_of, needed
 from lcp_catalog.landmarks.selection import stable_id
 from lcp_catalog.matching.joint_detection import at_least_found
-from lcp_catalog.production.area_job import run_area
+from lcp_catalog.production import estimate
+from lcp_catalog.production.area_job import AreaResult, run_area
+from lcp_catalog.production.areas import AreaTask
 from lcp_catalog.production.config import AreaConfig, SunConfig, ViewConfig
 from lcp_catalog.production.finished_area import FinishedArea, finished_area
 from lcp_catalog.production.point_config import PointConfig
 from lcp_catalog.production.promise import PromiseChoice, PromisedPlaces
 from lcp_catalog.production.run import Build, BuildRun
-from lcp_catalog.terrain.area import Area
+from lcp_catalog.terrain.area import Area, NodeWindow
 
 PROMISED = dataclasses.replace(
     CONFIG,
@@ -100,6 +102,60 @@ def suns_that_happen(rng: np.random.Generator, lat_deg: np.ndarray) -> np.ndarra
     (elevation, azimuth), lat = np.radians(sun.T), np.radians(lat_deg)
     sine = np.sin(lat) * np.sin(elevation) + np.cos(lat) * np.cos(elevation) * np.cos(azimuth)
     return np.where(np.abs(sine)[:, None] <= np.sin(np.radians(1.54)), sun, np.nan)
+
+
+def stated(
+    plan: Build, areas: dict[str, FinishedArea], some: list[int], monkeypatch: pytest.MonkeyPatch
+) -> float:
+    """Points that a plan expects when it has computed some of the areas."""
+    monkeypatch.setattr(estimate, "table_of", lambda area, _: area.table)
+    monkeypatch.setattr(estimate, "cell_stages", lambda area, _: area.stages)
+    made = [AreaResult(areas[job.task.name], None) for job in plan.jobs]
+    number = sum(len(area.table) for area in areas.values())
+    return estimate._promised(plan.levels[0], {k: made[k] for k in some}, number)
+
+
+def test_a_plan_expects_the_points_that_the_promise_takes(
+    plan: Build,
+    areas: dict[str, FinishedArea],
+    catalog: Catalog,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With all areas as many as the build takes; with one in the place of the other about as many; of a part of the region what
+    is promised in the whole.
+    """
+    assert stated(plan, areas, [0, 1], monkeypatch) == len(catalog) > 20
+    for k in (0, 1):
+        assert stated(plan, areas, [k], monkeypatch) == pytest.approx(len(catalog), rel=0.25)
+    monkeypatch.setattr(estimate, "CHOICE_CANDIDATES", 1)
+    monkeypatch.setattr(estimate, "_PART_FOOTPRINTS", 1.25)
+    part = stated(plan, areas, [0, 1], monkeypatch)
+    assert len(catalog) != part == pytest.approx(len(catalog), rel=0.4)
+
+
+def test_candidates_stand_at_the_same_parts_of_another_window() -> None:
+    """By the azimuthal projection: X east and Y north of the area's middle, on a sphere."""
+    own = AreaTask(0, 0, 10.0, 20.0, NodeWindow(-40, 41, -30, 31))
+    new = AreaTask(0, 1, 50.0, -70.0, NodeWindow(-40, 41, 0, 31))
+    x, y = np.array([-30.0, 0.0, 15.0, 30.0]) * 500.0, np.array([40.0, -20.0, 10.0, -40.0]) * 500.0
+    table = np.zeros(4, [("lon_deg", "<f8"), ("lat_deg", "<f8"), ("name", "<i4")])
+    table["name"] = np.arange(4)
+
+    def at(task: AreaTask, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
+        up = np.sqrt(MOON_RADIUS_M**2 - x**2 - y**2)
+        lat = np.radians(task.lat_deg)
+        sine = (y * np.cos(lat) + up * np.sin(lat)) / MOON_RADIUS_M
+        lon = np.arctan2(x, up * np.cos(lat) - y * np.sin(lat))
+        return task.lon_deg + np.degrees(lon), np.degrees(np.arcsin(sine))
+
+    table["lon_deg"], table["lat_deg"] = at(own, x, y)
+    rows, whole = estimate._moved(table, own, own, 500.0)
+    assert rows.tolist() == whole["name"].tolist() == [0, 1, 2, 3]
+    np.testing.assert_allclose([*whole.tolist()], [*table.tolist()], atol=2e-6)
+    rows, half = estimate._moved(table, own, new, 500.0)
+    assert rows.tolist() == half["name"].tolist() == [0, 2]
+    there = at(new, (x + 15e3)[rows] * 31 / 61, y[rows])
+    np.testing.assert_allclose([half["lon_deg"], half["lat_deg"]], there, atol=2e-6)
 
 
 @pytest.mark.slow
