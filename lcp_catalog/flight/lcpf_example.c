@@ -170,7 +170,7 @@ int main(int argc, char **argv) {
         if (!code) code = lcpf_fit(&image, &work, &match);
         printf("%lld code %d", (long long)point.id, code);
         if (!code)
-            printf(" found %.4f %.4f expected %.4f %.4f sigma %.4f %.4f correlation %.3f second %.3f", match.pixel[0], match.pixel[1],
+            printf(" found %.4f %.4f by the camera %.4f %.4f sigma %.4f %.4f correlation %.3f second %.3f", match.pixel[0], match.pixel[1],
                    claims[k].pixel[0], claims[k].pixel[1], sqrt(match.covariance[0]), sqrt(match.covariance[2]),
                    match.fit_correlation, match.second);
         printf(" claimed %.3f\n", claims[k].probability);
