@@ -54,7 +54,7 @@ wheel: $(READY) ## source distribution, wheel, and wheel with compiled kernels f
 evidence: $(READY) ## photographs and simulated frames: what is claimed against what happens (LCP_SHARED_DATA: their folder)
 	$(BIN)/python -m benchmarks.evidence all
 
-bench: $(READY) ## points matched a second; plans and areas of the whole Moon
+bench: $(READY) ## points matched a second; plans and areas of the Moon's belt
 	$(BIN)/python -m benchmarks.speed matching
 	$(BIN)/python -m benchmarks.speed scale
 

@@ -11,7 +11,7 @@ SECTIONS = {
     "render": "lcp render as a whole process beside a minimal Embree script",
     "query": "frames and trajectories asked of a catalogue of 100 000 points",
     "merge": "the end of a large build, and the check of finished areas",
-    "scale": "plans and areas of the whole Moon; what --plan states; a large catalogue's commands",
+    "scale": "plans and areas of the belt of the Moon; what --plan states; a large catalogue's commands",
 }
 
 if __name__ == "__main__":

@@ -297,7 +297,7 @@ class Pipeline:
                 if self.factors is not None:
                     bands = [band * self.factors for band in bands]
                 bands[0][hidden[v]] = np.nan
-                self.judge(group, bands, dark, cast, occluded[v], (v, e, a))
+                self.judge(group, bands, dark, cast, occluded[v], (v, e, a), view[2])
 
     def dependence(
         self, group: Group, alone: list[Any], towards: np.ndarray, dark: np.ndarray
@@ -319,6 +319,7 @@ class Pipeline:
         cast: np.ndarray,
         occluded: np.ndarray,
         at: tuple[int, int, int],
+        up: float,
     ) -> None:
         """One condition: ``bands`` are the radiance without cast shadows and that of larger slopes."""
         points, rows, cols = self.points, group.rows, group.cols
@@ -344,7 +345,7 @@ class Pipeline:
                 ])  # fmt: skip
                 sources = [halved(source) for source in sources]
             place = (rows // scale, cols // scale, half // scale)
-            whole[:, slot], sigma[:, slot] = self._at_scale(scale, sources, place, change, lit)
+            whole[:, slot], sigma[:, slot] = self._at_scale(scale, sources, place, change, lit, up)
         flags = np.full(len(rows), 1, np.uint8)
         flags |= np.where(whole[:, 0, 1] >= points.min_detection, 2, 0).astype(np.uint8)
         flags |= np.where(whole[:, 0, 0] >= points.min_detection, 4, 0).astype(np.uint8)
@@ -362,6 +363,7 @@ class Pipeline:
         place: tuple[np.ndarray, np.ndarray, int],
         change: np.ndarray,
         lit: np.ndarray,
+        up: float,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Probabilities (n, 2) and sigma_major (n,) in the image of a scale."""
         rows, cols, half = place[0], place[1], place[2] - 1  # no template has the outer nodes
@@ -382,7 +384,7 @@ class Pipeline:
         parts = [seen, *(windows(source, rows, cols, half) for source in sources[1:])]
         errors = tuple(part / unit for part in parts)
         pixel_m = scale * self.job.recipe.gsd_m
-        match = registered(alone / unit, seen / unit, errors, self.errors, pixel_m)
+        match = registered(alone / unit, seen / unit, errors, self.errors, pixel_m, up)
         reach = max(1, self.points.search_nodes(self.job.recipe.gsd_m) // scale)
         places_ = self.search(shown, alone, rows, cols, reach)
         own = correlation(alone, seen)

@@ -156,9 +156,10 @@ def registered(
     errors: tuple[np.ndarray, np.ndarray, np.ndarray],
     model: Any,
     pixel_m: float,
+    cosine: float,
 ) -> Match:
     """Of patches (n, p, p) and the same as the image shows them, both over the patches' mean signal;
-    errors: level and derivatives with respect to the slopes, (n, p, p) each."""
+    errors: level and derivatives with respect to the slopes, (n, p, p) each; ``cosine`` of the emission angle."""
     n, p = patches.shape[:2]
     image = patches.astype(np.float64)
     centred = image - image.mean(axis=(1, 2), keepdims=True)
@@ -201,7 +202,7 @@ def registered(
         covariance=covariance,
         slope_noise=products[:, :2, :2] / safe[:, None, None],
         bias=np.where(good[:, None], moved[..., 0], 0.0),
-        nodes=(p + 1.0 - BORDER_PX) ** 2,
+        nodes=(p + 1.0 - BORDER_PX) * max((p + 1.0) * cosine - BORDER_PX, 1.0),
     )
 
 
