@@ -298,7 +298,7 @@ def command(
 
         write_bytes(depfile, depfile_rule(output, report.files), overwrite=True)
     say(
-        f"{output}: {report.points} control points from {report.areas} areas",
+        f"{output}: {report.points} control point{'s' * (report.points != 1)} from {report.areas} area{'s' * (report.areas != 1)}",
         "done",
         points=report.points,
         areas=report.areas,

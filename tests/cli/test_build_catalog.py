@@ -21,7 +21,7 @@ from lcp_catalog.catalog.verification import verify
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.photometry import moon_map
 from lcp_catalog.production.config import BuildConfig
-from lcp_catalog.production.run import Build
+from lcp_catalog.production.run import Build, BuildReport
 
 DEM = str(Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif")
 
@@ -64,6 +64,24 @@ def test_it_writes_a_catalogue_and_what_it_read(tmp_path: Path, config: str) -> 
     assert verify(output) == []
     assert rule.read_text() == f"{str(output).replace(' ', chr(92) + ' ')}: {DEM} {moon_map.FILE}\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a catalogue.h5", "build.toml", "rule.d"]
+
+
+@pytest.mark.parametrize(
+    ("points", "areas", "said"),
+    [(0, 1, "0 control points from 1 area"), (1, 2, "1 control point from 2 areas")],
+)
+def test_it_says_what_it_has_written(
+    points: int,
+    areas: int,
+    said: str,
+    config: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done = BuildReport(points, areas, {}, ())
+    monkeypatch.setattr("lcp_cli.build_catalog._build", lambda *_: done)
+    assert run(["build-catalog", DEM, "-o", "x.h5", "--config", config]) == 0
+    assert capsys.readouterr().err.splitlines()[-1] == f"x.h5: {said}"
 
 
 def test_plan_writes_nothing_and_speaks_json(
