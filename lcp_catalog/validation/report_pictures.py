@@ -508,12 +508,18 @@ def bars_shown(windows: WindowComparison) -> tuple[Array, Array]:
     return shown / max(windows.count, 1), np.round(edges[first:], 9)
 
 
+_NAMES_WIDE, _NAMES_BELOW = 0.4, 0.78
+"""Part of the width that the names of the shares take at the left, and of the height that is free for bars below them."""
+
+
 def correlation_histogram(windows: WindowComparison) -> Markup:
     """Share of the windows over their correlation, with the mode and the shares above 0.9 and 0.7."""
     shares, edges = bars_shown(windows)
     shares = 100.0 * shares
-    step = nice_step(max(float(shares.max()), 1e-3), 5)
-    top = max(step * math.ceil(float(shares.max()) / step * (1 - 1e-9)), step)
+    left = edges[:-1] < edges[0] + _NAMES_WIDE * (1.0 - edges[0])
+    high = max(float(shares.max()), float(shares[left].max(initial=0.0)) / _NAMES_BELOW)
+    step = nice_step(max(high, 1e-3), 5)
+    top = max(step * math.ceil(high / step * (1 - 1e-9)), step)
     axes = Axes(
         Axis(
             float(edges[0]),

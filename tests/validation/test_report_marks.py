@@ -243,6 +243,9 @@ def test_the_highest_bar_fits_below_a_named_line(values: list[float]) -> None:
     assert top >= share * (1 - 1e-6)
     assert max(heights) == pytest.approx(220.0 * share / top, abs=0.06)
     assert 3 <= len(lines) <= 7
+    names = [float(y) for y in re.findall(r'<text class="name" x="31" y="([\d.]+)"', drawn)]
+    for x, y in re.findall(r'<rect class="h\d" x="([\d.]+)" y="([\d.]+)" [^>]*><title>', drawn):
+        assert float(x) > 160.0 or float(y) > max(names)  # bars are below them, or beside
 
 
 def test_colours_change_at_their_limits() -> None:
