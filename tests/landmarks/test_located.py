@@ -11,6 +11,7 @@ from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.landmarks import located
 from lcp_catalog.landmarks.located import (
     MOST_UNITS,
+    UNITS_MAX,
     Units,
     chance_of,
     equal_points,
@@ -124,6 +125,18 @@ def test_what_constants_of_frames_change_is_stated(
     assert max(moved) == pytest.approx(stated.value, rel=0.02)
 
 
+@pytest.mark.parametrize("wanted", [0.9, 0.99])
+@pytest.mark.parametrize("probability", [0.2, 0.35, 0.5, 0.7, 0.9, 0.98])
+def test_one_point_fewer_than_the_least_number_is_not_enough(
+    probability: float, wanted: float
+) -> None:
+    for chance in map(chance_of, (5.0, 59.0, 474.0)):
+        least = located._least_number(probability, wanted, chance)
+        before, there = (equal_points(n, probability, chance) for n in (least - 1, least))
+        assert before < wanted <= there
+        assert located._least_number(1e-3, wanted, chance) == MOST_UNITS * UNITS_MAX
+
+
 def test_units_rise_with_the_probability() -> None:
     units = Units.of_located(0.99, 474.0)
     assert len(units.least) == MOST_UNITS
@@ -131,6 +144,7 @@ def test_units_rise_with_the_probability() -> None:
     assert units.least[0] < 0.3
     assert units.least[-1] > 0.9
     assert (np.diff(units.located) >= 0.0).all()
+    assert len(units.located) == UNITS_MAX + 1
     assert units.located[units.demand] >= 0.99 > units.located[units.demand - MOST_UNITS]
     usable = Units.of_usable(8, 0.9, 474.0)
     assert (usable.least, usable.demand) == ((0.9,), 8)
