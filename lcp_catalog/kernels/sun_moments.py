@@ -13,7 +13,7 @@ import numpy as np
 
 from .cache import njit
 
-PART_DEG = 1.0, 5.0
+PART_DEG = 2.0, 5.0
 """Greatest height and width of a part of a cell."""
 
 UNKNOWN = 255
@@ -22,8 +22,8 @@ UNKNOWN = 255
 _SAFETY = 1.2
 """Factor of the first derivative of the elevation by the azimuth, for what the second ones add."""
 
-_EDGE_DEG, _LEAST_WEIGHT = 1e-6, 1e-9
-"""Slack at the ends of the grid; corners with a smaller weight do not count."""
+_EDGE_DEG = 1e-6
+"""Slack at the ends of the grid."""
 
 
 @njit(nogil=True)
@@ -87,61 +87,88 @@ def _narrowed(box, lat, limit):
 
 
 @njit(nogil=True)
-def _lower(worth, own, sun, lift, codes, inverse, slope, rule, grid):
-    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to what it is at a moment; 0 outside the grid.
+def _least(least, shown, sun, half, codes, inverse, slope, rule, grid):
+    """Lower the heights of peaks, or with margins the logits, of a candidate in each view (v,) to those at two moments; False if
+    one is outside the grid, or if too little is known there.
 
-    ``sun``: the moment's direction in the candidate's frame; ``lift``: degrees by which it stands higher. ``codes``, ``inverse``
+    ``sun``: direction in the candidate's frame, ``half``: degrees by which the Sun stands lower and higher. ``codes``, ``inverse``
     (v, e, a): of its claims, and one over how clearly relief shows there for its ``slope`` errors (`landmarks.relief_signal`).
-    ``rule``: `serve`.
+    ``rule``: `serve`; ``shown`` (v,): for use here.
     """
     low, start, above, after = grid
-    heights, views, (albedo, least_cosine, least_shown), logits, step, limits, (between, beyond) = (
-        rule
-    )
-    each, count = len(worth) // len(views), len(start)
-    level = math.hypot(sun[0], sun[1])
-    el = math.degrees(math.atan2(sun[2], level)) + lift
+    heights, views, light, logits, step, _, margins = rule
+    albedo, least_cosine, least_shown = light
+    between, beyond = margins
+    middle = math.degrees(math.atan2(sun[2], math.hypot(sun[0], sun[1])))
     azimuth = math.degrees(math.atan2(sun[0], sun[1])) % 360.0
-    i = min(max(np.searchsorted(low, el, side="right") - 1, 0), len(low) - 2)
     j = np.searchsorted(start, azimuth, side="right") - 1
-    j = j if j >= 0 else count - 1
+    j = j if j >= 0 else len(start) - 1
     k = after[j]
-    inside = low[0] - _EDGE_DEG <= el <= low[-1] + _EDGE_DEG
-    if not inside or above[i] != i + 1 or k == j or k < 0:
-        for v in range(len(views)):
-            worth[v * each + own] = 0
-        return
-    up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
+    if k == j or k < 0 or middle - half < low[0] - _EDGE_DEG or middle + half > low[-1] + _EDGE_DEG:
+        return False
     on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
-    weights = ((1.0 - up) * (1.0 - on), (1.0 - up) * on, up * (1.0 - on), up * on)
-    rows, columns = (i, i, i + 1, i + 1), (j, k, j, k)
     mu0 = max(sun[2], least_cosine)
     for v in range(len(views)):
-        if worth[v * each + own] == 0:
-            continue
-        total, square, mean = 0.0, 0.0, 0.0
-        for corner in range(len(weights)):
-            code = codes[v, rows[corner], columns[corner]]
-            weight = weights[corner]
-            if code == UNKNOWN or weight <= _LEAST_WEIGHT:
-                continue
-            total += weight
-            square += weight * weight
-            mean += weight * heights[code] * inverse[v, rows[corner], columns[corner]]
+        shown[v] = 1.0
+        if albedo > 0.0:
+            both = mu0 + max(views[v, 2], least_cosine)
+            east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
+            north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
+            square = max(east * east + north * north, least_shown * least_shown)
+            shown[v] = math.sqrt(square / (albedo * albedo + slope * slope * square))
+    for el in (middle - half, middle + half):
+        i = min(max(np.searchsorted(low, el, side="right") - 1, 0), len(low) - 2)
+        if above[i] != i + 1:
+            return False
+        up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
+        first = (1.0 - up) * (1.0 - on) * (codes[0, i, j] != UNKNOWN)
+        second = (1.0 - up) * on * (codes[0, i, k] != UNKNOWN)
+        third = up * (1.0 - on) * (codes[0, i + 1, j] != UNKNOWN)
+        fourth = up * on * (codes[0, i + 1, k] != UNKNOWN)
+        total = first + second + third + fourth
+        if total < 0.5:
+            return False
+        for v in range(len(views)):
+            mean = first * heights[codes[v, i, j]] * inverse[v, i, j]
+            mean += second * heights[codes[v, i, k]] * inverse[v, i, k]
+            mean += third * heights[codes[v, i + 1, j]] * inverse[v, i + 1, j]
+            mean += fourth * heights[codes[v, i + 1, k]] * inverse[v, i + 1, k]
+            mean *= shown[v] / total
+            if between > 0.0:
+                mean = _looked_up(logits, mean / step) - between - beyond * (1.0 - total)
+            least[v] = min(least[v], mean)
+    return True
+
+
+@njit(nogil=True)
+def _looked_up(table, at):
+    """The value of a table between its entries."""
+    at = min(at, len(table) - 1.0)
+    first = min(int(at), len(table) - 2)
+    return table[first] + (at - first) * (table[first + 1] - table[first])
+
+
+@njit(nogil=True)
+def _lower(worth, own, boxes, suns, lift, tilt, codes, inverse, slope, rule, grid, least, shown):
+    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to the least at the moments of a cell's parts:
+    rows of `parts_of_cells` and their middles (n, 3) in its frame. ``tilt``: angle between the verticals of place and candidate;
+    ``least``, ``shown`` (v,): for use here.
+    """
+    logits, step, limits, margins = rule[3:]
+    each = len(worth) // len(least)
+    least[:] = np.inf
+    for m in range(len(boxes)):
+        half = lift + (boxes[m, 2] - boxes[m, 1]) / 2.0
+        half += _SAFETY * tilt * (boxes[m, 4] - boxes[m, 3]) / 2.0
+        if not _least(least, shown, suns[m], half, codes, inverse, slope, rule, grid):
+            for v in range(len(least)):
+                worth[v * each + own] = 0
+            return
+    for v in range(len(least)):
+        logit = least[v] if margins[0] > 0.0 else _looked_up(logits, least[v] / step)
         units = 0
-        if total >= 0.5:
-            if albedo > 0.0:
-                both = mu0 + max(views[v, 2], least_cosine)
-                east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
-                north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
-                shown = max(east * east + north * north, least_shown * least_shown)
-                mean /= math.sqrt(albedo * albedo / shown + slope * slope)
-            at = min(mean / total / step, len(logits) - 1.0)
-            first = min(int(at), len(logits) - 2)
-            logit = logits[first] + (at - first) * (logits[first + 1] - logits[first])
-            logit -= between * (1.0 - square) + beyond * (1.0 - total)
-            while units < len(limits) and logit >= limits[units]:
-                units += 1
+        while units < len(limits) and logit >= limits[units]:
+            units += 1
         worth[v * each + own] = min(worth[v * each + own], np.uint8(units))
 
 
@@ -153,10 +180,11 @@ def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit
     ``near``: where the pairs of each place start, and of each pair the candidate and the row of worth. ``frames``: latitudes (p,)
     and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3). ``spread``: how far apart the places of a row are,
     radians: the first of them is looked at, with the Sun higher and lower by that, too.
-    ``claims``: codes (n, v, e, a) of the probabilities, and of each candidate the number of its slope errors; these (k,), and
-    one over how clearly relief shows (k, v, e, a). ``rule``: heights of peaks by code; directions to the cameras (v, 3); unmapped
-    brightness, and the least cosine and signal of relief; logits of probabilities by height, in steps; least logits of 1, 2, ...
-    units; margins in logits between the grid's directions and beyond them. ``limit``: of the Sun's declination, radians.
+    ``claims``: codes (n, v, e, a) of the probabilities, unknown in all views alike, and of each candidate the number of its
+    slope errors; these (k,), and one over how clearly relief shows (k, v, e, a).
+    ``rule``: heights of peaks by code; directions to the cameras (v, 3); unmapped brightness, and the least cosine and signal of
+    relief; logits of probabilities by height, in steps; least logits of 1, 2, ... units; margins in logits between the grid's
+    directions and beyond them. ``limit``: of the Sun's declination, radians.
     """
     starts, candidate, row = near
     lats, axes, others = frames
@@ -171,7 +199,7 @@ def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit
         )
     boxes, suns = np.zeros((size, 5)), np.zeros((size, 3))
     done = np.zeros(len(worth), np.bool_)
-    lift = math.degrees(spread)
+    lift, least, shown = math.degrees(spread), np.zeros(views), np.zeros(views)
     for p in range(len(lats)):
         size = parts_of_cells(lats[p], grid, columns, limit + spread, boxes)
         for m in range(size):
@@ -188,20 +216,13 @@ def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit
             i, own = candidate[pair], worth[row[pair]]
             turns = others[i] @ axes[p].T
             turned, tilt = suns[:size] @ turns.T, math.acos(min(1.0, max(-1.0, turns[2, 2])))
-            kind = number[i]
-            for m in range(size):
-                cell = columns[int(boxes[m, 0])]
-                half = lift + (boxes[m, 2] - boxes[m, 1]) / 2.0
-                half += _SAFETY * tilt * (boxes[m, 4] - boxes[m, 3]) / 2.0
-                for away in (-half, half):
-                    _lower(
-                        own,
-                        cell,
-                        turned[m],
-                        away,
-                        codes[i],
-                        inverse[kind],
-                        slopes[kind],
-                        rule,
-                        grid,
-                    )
+            kind, begin = number[i], 0
+            while begin < size:
+                cell, end = boxes[begin, 0], begin
+                while end < size and boxes[end, 0] == cell:
+                    end += 1
+                _lower(
+                    own, columns[int(cell)], boxes[begin:end], turned[begin:end], lift, tilt, codes[i], inverse[kind],
+                    slopes[kind], rule, grid, least, shown,
+                )  # fmt: skip
+                begin = end

@@ -44,6 +44,9 @@ _TOGETHER = 1_000_000
 _HEIGHTS = np.linspace(0.0, 8.0, 801)
 """Heights of peaks, sigmas, at which logits are tabled."""
 
+_MIDDLE = 0.75
+"""1 - the sum of the squared weights of four directions in their middle, where the margin between them is greatest."""
+
 _SLOPE_STEP = 0.02
 """Step of the logarithm of slope errors."""
 
@@ -92,7 +95,7 @@ class Claimed:
             direction_enu(np.asarray(view.azimuth_deg), 90.0 - np.asarray(view.off_nadir_deg)),
             config.errors.model(height_sigma_m=1.0, height_length_m=1.0).albedo_sigma,
             units_of(config).least,
-            (0.0, 0.0) if located else (BETWEEN_MARGIN, BEYOND_MARGIN),
+            (0.0, 0.0) if located else (_MIDDLE * BETWEEN_MARGIN, BEYOND_MARGIN),
         )
 
     def worth(self, columns: Index) -> Bytes:

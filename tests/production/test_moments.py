@@ -141,8 +141,8 @@ def of_pairs(made: Made, cover: Cover, everywhere: Bytes) -> tuple[Bytes, Bytes]
 
 @pytest.mark.parametrize("lat_deg", [-88.5, 84.0, 26.0])
 def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
-    """To 3 % of probability, in few cases 9 % between moments 5 deg of azimuth apart; never where it leaves the grid. Not so if
-    each candidate is asked about the place's own angles, which differ by degrees.
+    """To 3 % of probability, in few cases 9 % between moments 2 deg of elevation and 5 of azimuth apart; never where it leaves
+    the grid. Not so if each candidate is asked about the place's own angles, which differ by degrees.
     """
     made = Made(lat_deg)
     cover, happens = made.cover()
@@ -153,7 +153,7 @@ def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
     assert happens[cover.place][seen < 255].all()
     assert np.count_nonzero(stands & far) > 2000
     over = told[stands].astype(int) - seen[stands]
-    assert (over > 3).mean() < 0.02
+    assert (over > 3).mean() < 0.03
     assert over[seen[stands] > 0].max() <= 9
     assert (told[stands][seen[stands] == 0] == 0).all()
     gap = seen[stands & far].astype(int) - told[stands & far]
@@ -182,10 +182,10 @@ def test_what_is_taken_together_is_hardly_more(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_margins_lower_what_is_sure() -> None:
-    """Between four directions the margin is 0.5 (1 - 4 / 16) logits at most, and at least that of the worst moment."""
+    """Everywhere by that in the middle of four directions, 0.5 (1 - 4 / 16) logits."""
     made = Made(26.0)
     plain = made.cover()[0]
-    claims = dataclasses.replace(made.claims(), margins=(0.5, 1.5))
+    claims = dataclasses.replace(made.claims(), margins=(0.375, 1.5))
     first, place = Nearby(made.places).around(made.sites, made.radius_m)
     near = Near(made.sites, made.places, made.radius_m, first, place)
     cover, happens = moment_cover(near, claims, made.columns)
@@ -193,9 +193,8 @@ def test_margins_lower_what_is_sure() -> None:
     p, lower = (np.clip(c.worth[c.row][there] / 100.0, 0.01, 0.99) for c in (plain, cover))
     lost = np.log(p / (1.0 - p)) - np.log(lower / (1.0 - lower))
     some = (p > 0.2) & (p < 0.8)
-    assert (lost[some] >= 0.0).all()
-    assert (lost[some] < 0.375 + 0.07).all()
-    assert np.median(lost[some]) > 0.1
+    assert (lost[some] > 0.375 - 0.07).all()
+    assert np.median(lost[some]) == pytest.approx(0.375, abs=0.03)
 
 
 @pytest.mark.parametrize("lat_deg", [-40.0, 0.0, 20.0, 60.0])
