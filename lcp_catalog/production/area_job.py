@@ -104,7 +104,7 @@ class Candidates:
     """(n, p, p) albedo factors of the patches' nodes, all NaN outside the map; None without a map."""
     sites: AnyArray | None = None
     """(n,) of type `SITE`."""
-    slope_sigma: Array | float = 0.0
+    slope_sigma: Array | None = None
     """(n,) 1 sigma of the slopes' errors."""
 
     def __len__(self) -> int:

@@ -117,7 +117,7 @@ def table_of(candidates: Candidates, config: BuildConfig) -> AnyArray:
     table["quality"] = _quality(evaluation, these)
     table["worth"] = np.where(worth >= least, worth, 0)
     table["stage"] = _stages(evaluation, worth >= least)
-    table["slope_sigma"] = candidates.slope_sigma
+    table["slope_sigma"] = 0.0 if candidates.slope_sigma is None else candidates.slope_sigma
     table["information"] = np.nan_to_num(_over(_information(evaluation), these, np.nanmean))
     return table
 

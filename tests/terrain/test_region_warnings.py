@@ -73,7 +73,7 @@ def test_a_renamed_file_is_not_known(sample, caplog, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_a_catalogue_without_points_says_why(tmp_path, caplog) -> None:
-    flat = write_dem(tmp_path / "flat.tif", np.zeros((64, 64)), 30.0, 11.0)
+    flat = write_dem(tmp_path / "flat.tif", np.ones((64, 64)), 30.0, 11.0)
     out = tmp_path / "c.h5"
     suns = ["--sun-azimuths", "100", "--sun-elevations", "45", "--view", "0:0"]
     assert run(["build-catalog", flat, "-o", str(out), "--jobs", "1", *suns]) == 0
@@ -86,7 +86,7 @@ def test_a_catalogue_without_points_says_why(tmp_path, caplog) -> None:
 
 def test_azimuths_that_the_sun_never_has_are_named(tmp_path, capsys) -> None:
     """At 10.6 deg of latitude the Sun is never 45 deg high in the north-east."""
-    hills = write_dem(tmp_path / "d.tif", np.zeros((64, 64)), 30.0, 11.0)
+    hills = write_dem(tmp_path / "d.tif", np.ones((64, 64)), 30.0, 11.0)
     suns = ["--sun-azimuths", "45", "--sun-elevations", "45"]
     assert run(["build-catalog", hills, "-o", str(tmp_path / "c.h5"), *suns]) == 1
     assert "give other --sun-elevations or --sun-azimuths" in capsys.readouterr().err

@@ -11,14 +11,23 @@ import pytest
 from helpers import many_points
 from helpers.twins_match import looking_at
 
+from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.model import StoredArray, held
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame
+from lcp_catalog.images.image import Image
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.position_fix import Options
 from lcp_catalog.validation.run import _perhaps_seen
+
+
+def taken(camera: Camera) -> Image:
+    """A blank image, with the Sun above its camera."""
+    blank = np.ones(camera.shape, np.float32)
+    up = camera.position_mcmf_m / np.linalg.norm(camera.position_mcmf_m)
+    return Image("blank", blank, blank, camera, sun_direction_mcmf=up)
 
 
 def test_points_far_from_the_image_stay_in_the_file(tmp_path: Path) -> None:
@@ -26,7 +35,7 @@ def test_points_far_from_the_image_stay_in_the_file(tmp_path: Path) -> None:
     whole = open_catalog(tmp_path / "c.h5")
     camera = looking_at(EnuFrame(10.0, 5.0), 300e3, 0.0, 0.0, 0.0, 500.0, (256, 256))
     request = SimpleNamespace(uncertainty=Uncertainty(position_m=2000.0, attitude_rad=0.01))
-    part = _perhaps_seen(request, whole, SimpleNamespace(sensor=camera), Options())
+    part = _perhaps_seen(request, whole, taken(camera), Options())
     seen = whole.point_id[points_in_view(whole, camera)]
     assert len(seen) > 0
     assert set(seen) <= set(part.point_id)
@@ -47,7 +56,7 @@ def test_of_several_levels_those_that_suit_the_pixel_are_read(tmp_path: Path) ->
     whole = open_catalog(tmp_path / "c.h5")
     camera = looking_at(EnuFrame(10.0, 5.0), 300e3, 0.0, 0.0, 0.0, 500.0, (256, 256))
     request = SimpleNamespace(uncertainty=Uncertainty(position_m=2000.0, attitude_rad=0.01))
-    part = _perhaps_seen(request, whole, SimpleNamespace(sensor=camera), Options())
+    part = _perhaps_seen(request, whole, taken(camera), Options())
     assert len(part) > 0
     assert set(part.level) == {1}
 
@@ -57,4 +66,4 @@ def test_a_catalogue_without_points_in_view_stays_as_it_is(tmp_path: Path) -> No
     whole = open_catalog(tmp_path / "c.h5")
     camera = looking_at(EnuFrame(0.0, 89.0), 100e3, 0.0, 0.0, 0.0, 500.0, (256, 256))
     request = SimpleNamespace(uncertainty=Uncertainty(position_m=2000.0, attitude_rad=0.01))
-    assert _perhaps_seen(request, whole, SimpleNamespace(sensor=camera), Options()) is whole
+    assert _perhaps_seen(request, whole, taken(camera), Options()) is whole
