@@ -487,10 +487,10 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "moments of a promise",
-        Figure(0.3, "%", "the places under random Suns, whose units are fewer than told", MEASURED),
-        "the lowest and the highest Sun in the middle of parts of a cell, 2 by 5 deg: 0.3 % of 7200 random Suns have fewer units than told, by 17 % at most, and none that was told as enough has too few (Hadley, Taurus-Littrow, 2b299765, 2026-11-29)",
+        Figure(0.2, "%", "the places under random Suns, whose units are fewer than told", MEASURED),
+        "the lowest and the highest Sun in the middle of parts of a cell, 2 by 5 deg: 0.2 % of 7200 random Suns have fewer units than told, by 12 % at most, and none that was told as enough has too few (Hadley, Taurus-Littrow, 17b0d2b7, 2026-11-29)",
         constants=("kernels.sun_moments.PART_DEG", "production.moments._SLOPE_STEP", "production.moments._HEIGHTS"),
-        unpriced="no switch: a part is far below the steps of a grid of Suns", price="6.6 s of processor time where whole cells took 9.1 (125 000 pairs of 1500 made candidates and places, 5 views, 2b299765 and after, 2026-11-29)",
+        unpriced="no switch: a part is far below the steps of a grid of Suns", price="6.6 s of processor time where whole cells took 9.1 (125 000 pairs of 1500 made candidates and places, 5 views, 17b0d2b7, 2026-11-29)",
     ),
     Approximation(
         "latitudes of a promise",

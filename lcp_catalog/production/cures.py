@@ -300,7 +300,7 @@ class Trial:
         if cells_m[1] <= cells_m[0]:
             return ""
         both = _text("area.levels_m", cells_m)
-        return f"; with both, `area.levels_m` {both}, positions under low Suns stay as fine"
+        return f"; with both, `area.levels_m` {both}, positions under low Suns are about as fine"
 
     def _priced(self, some: Sequence[Cure]) -> str:
         """Changes with what they cost: the work, and what it takes at the pace of this build."""

@@ -128,7 +128,7 @@ def test_beside_larger_cells_both_are_named() -> None:
 
     assert (
         "the promise is kept in 30 % there (20 % without); with both, `area.levels_m` 948,1896, positions under low Suns "
-        "stay as fine" in advice(measure, {"ambiguous": 0.6})
+        "are about as fine" in advice(measure, {"ambiguous": 0.6})
     )
 
 
