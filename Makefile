@@ -27,7 +27,7 @@ SAMPLE := --no-print-directory --always-make -C sample_data LCP=$(abspath $(BIN)
 catalog: $(READY) ## sample catalogue, its report, validation and two renders, in build/
 	@$(MAKE) $(SAMPLE) ../build/hadley.h5
 	@echo "side by side: its report, its validation and two renders, each told when it is done"
-	@$(MAKE) $(SAMPLE) --old-file=../build/hadley.h5 $(if $(filter output-sync,$(.FEATURES)),--jobs=2 --output-sync=target)
+	@$(MAKE) $(SAMPLE) --old-file=../build/hadley.h5 $(if $(filter -j%,$(MAKEFLAGS)),,$(if $(filter output-sync,$(.FEATURES)),--jobs=2 --output-sync=target))
 
 test: $(READY) ## the fast tests
 	$(BIN)/lcp warm-up

@@ -1,5 +1,5 @@
 """Slow places of numba's compiler, replaced while a kernel is compiled. The code of kernels is the same without them; compilation
-takes a quarter longer.
+takes a third longer.
 """
 
 from __future__ import annotations

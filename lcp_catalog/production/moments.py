@@ -98,11 +98,17 @@ class Claimed:
             (0.0, 0.0) if located else (_MIDDLE * BETWEEN_MARGIN, BEYOND_MARGIN),
         )
 
-    def worth(self, columns: Index) -> Bytes:
-        """Units (n, condition) in evaluated conditions, numbers in views x Suns."""
-        codes = self.codes.reshape(len(self.codes), math.prod(self.codes.shape[1:]))[:, columns]
-        found = self._bars.searchsorted(_logit(_inside(codes * DETECTION_STEP)), "right")
-        return np.where(codes == UNKNOWN, 0, found).astype(np.uint8)
+    def of_directions(self, columns: Index) -> Bytes:
+        """Units (n, condition) in cells that do not extend both ways, numbers in views x cells: the least at the known corners."""
+        least = np.full_like(self.codes, UNKNOWN)  # above all others
+        for row, column in zip(*self.grid.corners(), strict=True):
+            np.minimum(least, self.codes[:, :, row, column], out=least)
+        codes = least.reshape(len(least), math.prod(least.shape[1:]))[:, columns]
+        up, along = (o != np.arange(len(o)) for o in (self.grid.above, self.grid.after))
+        extends = (up[:, None] | along).ravel()[columns % math.prod(self.grid.shape)]
+        logit = _logit(_inside(codes * DETECTION_STEP)) - self.margins[0] * extends
+        units = self._bars.searchsorted(logit, "right")
+        return np.where(codes == UNKNOWN, 0, units).astype(np.uint8)
 
     @property
     def _bars(self) -> Array:
@@ -151,7 +157,7 @@ def moment_cover(near: Near, claims: Claimed, columns: Index) -> tuple[Cover, Ma
     found = np.tile(alone, (len(places.lon_deg), 1))
     candidate = np.repeat(np.arange(len(first) - 1), np.diff(first))
     row, owner, spread = _rows(near, candidate)
-    there = np.where(alone, claims.worth(columns), np.uint8(NO_CELL))[owner]
+    there = np.where(alone, claims.of_directions(columns), np.uint8(NO_CELL))[owner]
     order = np.argsort(place, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=len(places.lon_deg)))])
     pairs = starts, candidate[order], row[order]

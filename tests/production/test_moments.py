@@ -236,3 +236,36 @@ def test_beside_directions_that_never_occur_claims_of_the_others_serve(lat_deg: 
     told = cover.counts(np.arange(1))[0]
     assert happens[0, np.flatnonzero(stands.ravel()[: len(cells)])].all()
     np.testing.assert_array_equal(told[np.flatnonzero(claimed.ravel()[: len(cells)])], 1)
+
+
+@pytest.mark.parametrize("margins", [(0.0, 0.0), (0.375, 1.5)])
+def test_a_single_elevation_counts_with_the_worse_of_two_azimuths(
+    margins: tuple[float, float],
+) -> None:
+    """As a mean of both is nowhere less; where one is not evaluated with the other alone, and with none where neither is."""
+    grid = SunCells.of((20.0,), LEVEL[1])
+    codes = np.random.default_rng(3).integers(60, 240, (1, 1, 1, 24)).astype(np.uint8)
+    codes[..., 5:7] = UNKNOWN
+    claims = Claimed(grid, codes, np.zeros(1), np.array([NADIR]), 0.0, PERCENTS, margins)
+    place = Places(np.zeros(1), np.full(1, 40.0))
+    near = Near(place, place, 1e3, np.array([0, 1]), np.zeros(1, np.int64))
+    cover, happens = moment_cover(near, claims, np.arange(24))
+    told, p = cover.counts(np.arange(1))[0], codes[0, 0, 0] * STEP
+    assert happens.all()
+    for k in range(24):
+        known = [p[i] for i in (k, (k + 1) % 24) if i not in (5, 6)]
+        if not known:
+            assert told[k] == 0
+            continue
+        lower = 1.0 / (1.0 + np.exp(margins[0] - np.log(min(known) / (1.0 - min(known)))))
+        assert told[k] == pytest.approx(100.0 * lower, abs=1.1)
+
+
+def test_a_single_direction_needs_no_margin() -> None:
+    grid = SunCells.of((20.0,), (90.0, 270.0))
+    codes = np.full((1, 1, 1, 2), 225, np.uint8)
+    claims = Claimed(grid, codes, np.zeros(1), np.array([NADIR]), 0.0, (0.9,), (0.375, 1.5))
+    place = Places(np.zeros(1), np.full(1, 40.0))
+    near = Near(place, place, 1e3, np.array([0, 1]), np.zeros(1, np.int64))
+    cover, _ = moment_cover(near, claims, np.arange(2))
+    assert cover.counts(np.arange(1))[0].tolist() == [1, 1]
