@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -331,6 +332,9 @@ def test_promises_of_levels_are_kept_one_by_one(inputs: list[Catalog], tmp_path:
     assert figures["kept_share"] == pytest.approx((told.points >= 8).mean())
     names = [name for name, _ in promise_rows(figures)]
     assert names[:3] == ["promise, 7.375 m", "  else", "promise, 29.5 m"]
+    page = render_report(found, "m.h5")
+    tiles = re.findall(r"frames of \S+ km have what is promised, by cells of (\S+) m<", page)
+    assert tiles == ["7.375", "29.5", "118"]
     (tmp_path / "more").mkdir()
     (d,) = written(tmp_path / "more", [promising(merges.disturbed(coarse, 2), 4, 4e5)])
     merge_catalogs([a, d], tmp_path / "lost.h5")
