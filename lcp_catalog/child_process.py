@@ -112,7 +112,7 @@ def run_by_name(given: Sequence[Any]) -> NoReturn:
         code = 0
     except MemoryError:
         code = _OUT_OF_MEMORY
-    except Exception as error:
+    except Exception as error:  # whatever it is: the process ends here, its parent tells why
         os.write(1, f"\n{type(error).__name__}: {' '.join(str(error).split())}".encode())
     finally:
         os._exit(code)

@@ -243,6 +243,12 @@ def at_one_scale(
     return rows[works[best]] if works[best].any() else rows
 
 
+def searched_first(catalog: Catalog, rows: Index, image: Image) -> Index:
+    """Those rows (n,) that are `at_one_scale` of an image under its Sun."""
+    suns = image.sun_directions(catalog.position_mcmf[rows])
+    return at_one_scale(catalog, rows, image.sensor, suns)
+
+
 def _worth(catalog: Catalog, rows: Index, sensor: Sensor, suns: Array, factor: int) -> float:
     """Units of points by their claims in a reduced image, over those that surely locate a frame."""
     if not len(rows):

@@ -39,11 +39,11 @@ from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches, joined
 from .point_choice import (
     NO_CLAIM,
-    at_one_scale,
     likeliest,
     patch_width_px,
     points_in_view,
     reductions,
+    searched_first,
     shows_points,
     working_image,
 )
@@ -210,9 +210,7 @@ def locate(
             image, "image", "an Image (of a simulated frame `image`) or the path of its file"
         )
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
-    suns = image.sun_directions(catalog.position_mcmf[area.points])
-    first = at_one_scale(catalog, area.points, image.sensor, suns)
-    area = area.only(np.isin(area.points, first))
+    area = area.only(np.isin(area.points, searched_first(catalog, area.points, image)))
     working = working_image(catalog, image, area.points)
     levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
     search = _FixSearch(catalog, image, working, uncertainty, law, options, levels)
