@@ -149,7 +149,7 @@ def _looked_up(table, at):
 
 
 @njit(nogil=True)
-def _lower(worth, own, boxes, suns, lift, tilt, codes, inverse, slope, rule, grid, least, shown):
+def _lower(worth, own, boxes, suns, tilt, codes, inverse, slope, rule, grid, least, shown):
     """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to the least at the moments of a cell's parts:
     rows of `parts_of_cells` and their middles (n, 3) in its frame. ``tilt``: angle between the verticals of place and candidate;
     ``least``, ``shown`` (v,): for use here.
@@ -158,28 +158,30 @@ def _lower(worth, own, boxes, suns, lift, tilt, codes, inverse, slope, rule, gri
     each = len(worth) // len(least)
     least[:] = np.inf
     for m in range(len(boxes)):
-        half = lift + (boxes[m, 2] - boxes[m, 1]) / 2.0
+        half = (boxes[m, 2] - boxes[m, 1]) / 2.0
         half += _SAFETY * tilt * (boxes[m, 4] - boxes[m, 3]) / 2.0
-        if not _least(least, shown, suns[m], half, codes, inverse, slope, rule, grid):
-            for v in range(len(least)):
-                worth[v * each + own] = 0
+        known = _least(least, shown, suns[m], half, codes, inverse, slope, rule, grid)
+        anything = False
+        for v in range(len(least)):
+            at = v * each + own
+            if worth[at] > 0:
+                logit = least[v] if margins[0] > 0.0 else _looked_up(logits, least[v] / step)
+                units = np.uint8(0)
+                while known and units < len(limits) and logit >= limits[units]:
+                    units += np.uint8(1)
+                worth[at] = min(worth[at], units)
+                anything |= worth[at] > 0
+        if not anything:
             return
-    for v in range(len(least)):
-        logit = least[v] if margins[0] > 0.0 else _looked_up(logits, least[v] / step)
-        units = 0
-        while units < len(limits) and logit >= limits[units]:
-            units += 1
-        worth[v * each + own] = min(worth[v * each + own], np.uint8(units))
 
 
 @njit(nogil=True)
-def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit):
-    """Lower what candidates are worth, rows (row, condition), to what they are at the places of the pairs of each row; ``found``
+def serve(worth, found, near, frames, claims, rule, grid, columns, limit):
+    """Lower what candidates are worth, rows (row, condition), to the least at the places of the pairs of each row; ``found``
     (place, condition) is set where the Sun can stand in a cell at a place.
 
     ``near``: where the pairs of each place start, and of each pair the candidate and the row of worth. ``frames``: latitudes (p,)
-    and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3). ``spread``: how far apart the places of a row are,
-    radians: the first of them is looked at, with the Sun higher and lower by that, too.
+    and axes (p, 3, 3) of the places, axes of the candidates (n, 3, 3).
     ``claims``: codes (n, v, e, a) of the probabilities, unknown in all views alike, and of each candidate the number of its
     slope errors; these (k,), and one over how clearly relief shows (k, v, e, a).
     ``rule``: heights of peaks by code; directions to the cameras (v, 3); unmapped brightness, and the least cosine and signal of
@@ -198,10 +200,9 @@ def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit
             len(grid[1]) + math.ceil(360.0 / PART_DEG[1])
         )
     boxes, suns = np.zeros((size, 5)), np.zeros((size, 3))
-    done = np.zeros(len(worth), np.bool_)
-    lift, least, shown = math.degrees(spread), np.zeros(views), np.zeros(views)
+    least, shown = np.zeros(views), np.zeros(views)
     for p in range(len(lats)):
-        size = parts_of_cells(lats[p], grid, columns, limit + spread, boxes)
+        size = parts_of_cells(lats[p], grid, columns, limit, boxes)
         for m in range(size):
             el = math.radians(boxes[m, 1] + boxes[m, 2]) / 2.0
             az = math.radians(boxes[m, 3] + boxes[m, 4]) / 2.0
@@ -210,9 +211,6 @@ def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit
             for v in range(views):
                 found[p, v * each + columns[int(boxes[m, 0])]] = True
         for pair in range(starts[p], starts[p + 1]):
-            if done[row[pair]]:
-                continue
-            done[row[pair]] = True
             i, own = candidate[pair], worth[row[pair]]
             turns = others[i] @ axes[p].T
             turned, tilt = suns[:size] @ turns.T, math.acos(min(1.0, max(-1.0, turns[2, 2])))
@@ -222,7 +220,7 @@ def serve(worth, found, near, frames, spread, claims, rule, grid, columns, limit
                 while end < size and boxes[end, 0] == cell:
                     end += 1
                 _lower(
-                    own, columns[int(cell)], boxes[begin:end], turned[begin:end], lift, tilt, codes[i], inverse[kind],
+                    own, columns[int(cell)], boxes[begin:end], turned[begin:end], tilt, codes[i], inverse[kind],
                     slopes[kind], rule, grid, least, shown,
                 )  # fmt: skip
                 begin = end

@@ -5,6 +5,7 @@ differ between the points of a footprint. Their claims are averaged there as `ca
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,19 +26,17 @@ from ..landmarks.relief_signal import (
     relief_signal,
 )
 from ..landmarks.selection import Cover, Places
+from ..threads import thread_count
 from .config import BuildConfig
 from .finished_area import units_of
 
 _ROWS = 1_000_000
-"""Pairs of a candidate and a place that are looked at one by one. Of more, the places in one part of the
-circle around a candidate are taken together, with the Sun higher and lower by their distance.
+"""Pairs of a candidate and a place that are kept one by one. Of more, a candidate is worth at all places in one part of the
+circle around it what it is worth at the worst of them.
 """
 
 _PARTS = 4
 """Least number of parts across the circle."""
-
-_SAFETY = 1.1
-"""Factor of distances in the plane of the horizon, for the sphere's curvature."""
 
 _TOGETHER = 1_000_000
 
@@ -156,28 +155,34 @@ def moment_cover(near: Near, claims: Claimed, columns: Index) -> tuple[Cover, Ma
     alone = np.tile(lone[own], len(columns) // len(own))
     found = np.tile(alone, (len(places.lon_deg), 1))
     candidate = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    row, owner, spread = _rows(near, candidate)
+    row, owner = _rows(near, candidate)
     there = np.where(alone, claims.of_directions(columns), np.uint8(NO_CELL))[owner]
-    order = np.argsort(place, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(place, minlength=len(places.lon_deg)))])
-    pairs = starts, candidate[order], row[order]
     axes_there = enu_rotation(places.lon_deg, places.lat_deg)
     frames = np.radians(places.lat_deg), axes_there, enu_rotation(sites.lon_deg, sites.lat_deg)
     axes = grid.elevation, grid.azimuth, grid.above, grid.after
     limit = math.radians(SUBSOLAR_LATITUDE_MAX_DEG)
     codes, rule = claims.tables()
-    serve(there, found, pairs, frames, spread, codes, rule, axes, number, limit)
+
+    ends = first[np.linspace(0, len(first) - 1, thread_count() + 1).astype(np.int64)]
+
+    def of_some(begin: int, end: int) -> None:
+        some = begin + np.argsort(place[begin:end], kind="stable")
+        starts = np.searchsorted(place[some], np.arange(len(found) + 1))
+        pairs = starts, candidate[some], row[some]
+        serve(there, found, pairs, frames, codes, rule, axes, number, limit)
+
+    with ThreadPoolExecutor(thread_count()) as pool:  # a row is of one candidate
+        list(pool.map(of_some, ends[:-1], ends[1:]))
     return Cover(first, place, row, there, len(found)), found
 
 
-def _rows(near: Near, candidate: Index) -> tuple[AnyArray, Index, float]:
-    """The row of what a candidate is worth at a place, for each of their pairs; the candidate of each row; and
-    how far apart the places of a row are, radians. One for each pair, or where these are too many
-    one for each part of the circle around a candidate.
+def _rows(near: Near, candidate: Index) -> tuple[AnyArray, Index]:
+    """The row of what a candidate is worth at a place, for each of their pairs; and the candidate of each row.
+    One for each pair, or where these are too many one for each part of the circle around a candidate.
     """
     place, count = near.place, len(near.sites.lon_deg)
     if len(place) <= _ROWS:
-        return np.arange(len(place), dtype=np.int32), candidate, 0.0
+        return np.arange(len(place), dtype=np.int32), candidate
     parts = max(_PARTS, math.isqrt(_ROWS // count))
     axes, spots = enu_rotation(near.sites.lon_deg, near.sites.lat_deg), near.places.unit
     half = math.sin(min(near.radius_m / MOON_RADIUS_M, math.pi / 2.0)) * (1.0 + 1e-9)
@@ -187,5 +192,4 @@ def _rows(near: Near, candidate: Index) -> tuple[AnyArray, Index, float]:
         offset = np.einsum("kij,kj->ki", axes[candidate[some], :2], spots[place[some]])
         part = np.clip((offset / half + 1.0) / 2.0 * parts, 0, parts - 1).astype(np.int64)
         row[some] = (candidate[some] * parts + part[:, 0]) * parts + part[:, 1]
-    owner = np.repeat(np.arange(count), parts**2)
-    return row, owner, _SAFETY * math.sqrt(2.0) * 2.0 * half / parts
+    return row, np.repeat(np.arange(count), parts**2)
