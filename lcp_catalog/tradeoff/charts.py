@@ -70,7 +70,7 @@ def pareto(rows: list[Row]) -> Markup:
         height=318.0,
         left=92.0,
         right=24.0,
-        top=18.0,
+        top=28.0,
         bottom=64.0,
     )
     best = front(rows)

@@ -97,9 +97,7 @@ def _measured(
     if asked:
         wanted = for_budget(wanted, finer)
     done: list[tuple[Setting, dict[str, Any]]] = []
-    missing = found.not_measured | {
-        one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced
-    }
+    missing = dict(found.not_measured)
     if whole and whole.kept_share is None:
         missing["change of the promise"] = (
             "this build promises nothing (`points.spacing_m`, or `points.per_view` 0)"
@@ -113,6 +111,7 @@ def _measured(
             missing[f"{setting.knob}, {setting.value}"] = row
         else:
             done.append((setting, row))
+    missing |= {one.name: one.unpriced for one in APPROXIMATIONS if one.unpriced}
     relative([first, *(row for _, row in done)], baseline_s)
     found = replace(found, rows=[first, *(row for _, row in done)], not_measured=missing)
     if not asked:

@@ -120,17 +120,24 @@ def _worth(outcome: Outcome, areas: int) -> Array:
     return np.bincount(outcome.area[rows], shares, areas).astype(np.float64)
 
 
+def unseen_share(count: int) -> float:
+    """The greatest share of which none is seen among ``count`` in 1 case of 20 (Clopper and Pearson 1934, *Biometrika* 26, the
+    limit of no event); 1 for none.
+    """
+    return 1.0 - 0.05 ** (1.0 / count) if count else 1.0
+
+
 def worth_interval(by_area: Array, points: int) -> list[float] | None:
     """The 90 % interval of what the points of an alternative are worth over those of the configuration, ``points``, of the worth
     of both in each area (n, 2); None for one area. It is that of a ratio (`ratio_interval`), at least as wide as a change of
-    one point in a share of the areas that no area of n shows in 1 case of 20: few areas of those that change are as a rule none
-    (Clopper and Pearson 1934, *Biometrika* 26, the limit of no event; about 3 of all points).
+    one point in a share of the areas that no area of n shows (`unseen_share`): few areas of those that change are as a rule none
+    (about 3 of all points).
     """
     around = ratio_interval(by_area, math.inf)
     if around is None:
         return None
     count, (found, usual) = len(by_area), by_area.sum(axis=0)
-    unseen = (1.0 - 0.05 ** (1.0 / count)) * count / points
+    unseen = unseen_share(count) * count / points
     ratio = float(found / usual)
     return [min(around[0], max(0.0, ratio - unseen)), max(around[1], ratio + unseen)]
 

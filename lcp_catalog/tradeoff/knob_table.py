@@ -20,16 +20,16 @@ BEST = "best.toml"
 KNOBS_HEADING = "Every approximation"
 
 KNOBS_EXPLAINED = (
-    f"One alternative at a time around the configuration, on the same areas. Candidates within {NEAR_CELLS:g} cells are the same place.",
-    "time: processor time, by the work of all areas of the build, over the median of runs of the configuration itself between the others; in "
-    "brackets over their longest and shortest: what includes 1 is no difference; of what a budget may take, of up to two more runs beside it.",
-    "conditions changed: share of the conditions of places in both that are usable in one only, in brackets the 90 % interval of the mean over "
-    "areas; claims between the Suns and views of a coarser grid are interpolated, without the margins of a query.",
-    "points: chosen among the measured areas by spacing; all areas tell the promise.",
-    "worth of points: each by the usable share of its conditions, over that of the configuration, in brackets the 90 % interval of the mean over "
-    f"areas, at least as wide as a change of a point that no area shows may be. Less than {LEAST_USABLE:g} is not taken for a budget. A dash: not known; areas of another size have other borders, and with a promise "
-    "two passes evaluate what it takes of the whole region: only all areas tell it.",
-    "shift: median over windows, lowest Suns.",
+    f"Each row changes one setting of your configuration and is computed on the same areas. Candidates within {NEAR_CELLS:g} cells of each other count as one place.",
+    f"time: processor time of all areas of the build, estimated from those measured, over that of your configuration (median of its runs); in brackets over "
+    f"the longest and the shortest of these runs, or, where a budget may take the alternative, from up to {PAIRS} more runs beside your configuration. Brackets that include 1: no difference.",
+    "conditions changed: of the Suns and views of places in both (and of the image scales, where these change), the share that is usable in one only; in brackets the 90 % interval, from the scatter over "
+    "the areas. Between the Suns and views of a coarser grid claims are interpolated, without the margins of a query. A view or scale without a claim is not usable, and has no change of probability.",
+    "points: chosen by spacing, in the measured areas alone; a change of the promise is known only where all areas are computed.",
+    "worth of points: the sum of the usable shares of their conditions, over that of your configuration; in brackets the 90 % interval, from the scatter over the areas, "
+    f"widened for changes that the measured areas happen not to show. Below {LEAST_USABLE:g} an alternative is not taken for a budget. A dash: not known; areas of another size have other borders, and "
+    "two passes with a promise depend on the whole region, so that only all areas tell it.",
+    "shift, wrong shadow: of images under the two lowest elevations of the Sun, seen from the view nearest to straight down; shift is the median over windows.",
     "Not taken for a budget, since their catalogue is not the one asked for: "
     + "; ".join(one.name for one in APPROXIMATIONS if one.switch and one.fineness is None)
     + ".",
@@ -45,7 +45,7 @@ def _time(row: Row) -> str:
 
 def _worth(row: Row) -> str:
     """What points are worth beside those of the configuration, and its interval."""
-    around = row["usable_interval"]
+    around = None if row.get("default") else row["usable_interval"]
     between = f" ({around[0]:.2f} to {around[1]:.2f})" if around else ""
     return "–" if row["usable_ratio"] is None else f"{row['usable_ratio']:.2f}{between}"
 
@@ -93,7 +93,8 @@ def knob_cells(rows: list[Row]) -> tuple[list[str], list[list[str]]]:
 
 def knobs_said(trade: Trade) -> list[str]:
     """What was measured, and what to take for the budget, in sentences."""
-    said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured."
+    left = len(trade.not_measured.keys() - {one.name for one in APPROXIMATIONS})
+    said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured{f', {left} not (below)' * bool(left)}."
     return [said, *best_said(trade)]
 
 
@@ -167,8 +168,7 @@ def _elsewhere(row: Row) -> list[str]:
         if far
         else "How many change on other ground this does not say: measure there."
     )
-    share = times(row["seconds_relative"])
-    return [*said, f"{limit} Areas there take {share} of what a plan of your configuration states."]
+    return [*said, f"{limit} The share of the time may be another there, too."]
 
 
 def knobs_markdown(trade: Trade) -> list[str]:

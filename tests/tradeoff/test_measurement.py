@@ -249,8 +249,6 @@ def test_what_the_columns_mean_is_a_list_below_the_table(trade: Trade) -> None:
 def test_the_range_of_one_run_is_not_said(trade: Trade) -> None:
     assert report._around("0.54", "0.54") == ""
     assert report._around("0.50", "0.54") == " (0.50..0.54)"
-    row = trade.tiers[0] | {"seconds_relative": 0.5, "seconds_relative_range": [0.5, 0.5]}
-    assert report._relative(row) == "0.50"
 
 
 def test_the_table_has_a_column_a_tier(trade: Trade) -> None:

@@ -6,10 +6,12 @@ import re
 from typing import Any
 
 import numpy as np
+import pytest
+from scipy import stats
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.tradeoff import report
-from lcp_catalog.tradeoff.charts import front, knobs_chart, pareto
+from lcp_catalog.tradeoff.charts import front, knobs_chart, pareto, share_text
 
 
 def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[str, Any]:
@@ -51,7 +53,7 @@ def test_advice_follows_its_rules() -> None:
     draft = row("draft", 3.0, 3e-3, points_lost=3, points_gained=2, conditions_changed_share=0.004)
     standard = row("standard", 4.0, 1e-4, points_lost=1, points_gained=1, conditions_changed_share=1e-3)  # fmt: skip
     rows = [draft, standard, row("high", 6.0), row("reference", 10.0)]
-    assert named(report.advice(rows)) == ["high", "standard", "draft", "high", "draft"]
+    assert named(report.advice(rows)) == ["high", "standard", "draft", "high", "draft", "100"]
     # a catalogue whose probabilities differ is not equal
     rows[2] = row("high", 6.0, detection_changed_share=1e-4)
     assert named(report.advice(rows))[0] == "reference"
@@ -63,6 +65,17 @@ def test_advice_follows_its_rules() -> None:
     # too many changed conditions are not the same catalogue, however few points are lost
     rows[1] = standard | {"conditions_changed_share": 0.02}
     assert named(report.advice(rows))[1] == "reference"
+
+
+@pytest.mark.parametrize(("points", "told"), [(1, "95 %"), (28, "10 %"), (400, "0.75 %")])
+def test_advice_says_what_few_points_do_not_show(points: int, told: str) -> None:
+    """The upper end of Clopper and Pearson's interval for no lost point, by the beta distribution."""
+    assert told == share_text(float(stats.beta.ppf(0.95, 1, points)))
+    rows = [row(tier, 3.0, points=points) for tier in TIERS]
+    assert (
+        f"compared: {points}. Where none of them is lost, up to {told} of"
+        in report.advice(rows)[-1]
+    )
 
 
 def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:

@@ -70,6 +70,8 @@ def test_the_worth_of_points_has_the_interval_of_its_areas() -> None:
     row = _with_worth((0.90, 1.0))
     assert not is_clear(row)
     assert knob_table._worth(row) == "0.96 (0.90 to 1.00)"
+    own = {"usable_ratio": 1.0, "usable_interval": (0.3, 1.7), "default": True}
+    assert knob_table._worth(own) == "1.00"  # the configuration beside itself
     assert [is_clear(_with_worth(one)) for one in ((0.5, 0.9), (0.95, 1.2), None)] == [True] * 3
     assert knob_table._worth(_with_worth(None)) == "0.96"
 
