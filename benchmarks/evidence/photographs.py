@@ -66,8 +66,8 @@ class Row:
     name: str
     figures: dict[str, Any]
     kind: str
-    coarse: Array  # (n,) at the DEM's resolution
-    fine: Array  # (m,) on cells finer than the DEM's; empty where there are none
+    coarse: Array  # (n,) plain, as the paper's, at the DEM's resolution
+    fine: Array  # (m,) plain, on cells finer than the DEM's; empty where there are none
     claims: Claims
 
 
@@ -101,7 +101,7 @@ def judged(case: Case, data: Path, folder: Path) -> Row:
 def _validated(
     case: Case, data: Path
 ) -> tuple[dict[str, Any], Array, Array, Claims, Picture | None]:
-    """Figures, correlations at and below the resolution, claims, and the picture."""
+    """Figures, correlations of plain windows at and below the resolution, claims, and the picture."""
     catalog = case.catalog()
     head = {"licence": case.licence, "truth": case.truth, "off_m": None}
     nothing = np.empty(0)
@@ -127,13 +127,13 @@ def _validated(
     shown = result.pictures[0]
     if verdict.windows is None or shown.ground_image is None or shown.ground_render is None:
         return figures, nothing, nothing, verdict.claims, None
-    w = verdict.windows.compared
-    drawn = picture(shown.ground_image, shown.ground_render, w)
-    return figures, w.correlation, _fine(case, verdict, albedo), verdict.claims, drawn
+    drawn = picture(shown.ground_image, shown.ground_render, verdict.windows.compared)
+    coarse = verdict.windows.plain.correlation
+    return figures, coarse, _fine(case, verdict, albedo), verdict.claims, drawn
 
 
 def _fine(case: Case, verdict: ImageVerdict, albedo: AlbedoMap | None) -> Array:
-    """Correlations on cells of half the DEM's posting, or of the image's pixel if that is larger; empty where these are not
+    """Plain correlations on cells of half the DEM's posting, or of the image's pixel if that is larger; empty where these are not
     finer than two thirds of the cells before.
     """
     dems = DemSet.open([case.dem])
@@ -146,7 +146,7 @@ def _fine(case: Case, verdict: ImageVerdict, albedo: AlbedoMap | None) -> Array:
     image = image.with_sensor(verdict.pose.pose.sensor)
     settings = RenderSettings(reflectance_model(LAW), albedo=albedo)
     try:
-        return against_dem(image, dems, settings, WindowChoice(gsd_m=cell_m)).windows.correlation
+        return against_dem(image, dems, settings, WindowChoice(gsd_m=cell_m)).plain.correlation
     except LcpError as error:
         print(f"{case.name}: {error}", file=sys.stderr)
         return np.empty(0)
@@ -251,7 +251,7 @@ def cells(row: Row) -> list[str]:
         _or_none(w["share_above_0_9"], ".0%"),
         _or_none(f["windows_plain"]["share_above_0_9"], ".0%"),
         _or_none(w["share_above_0_7"], ".0%"),
-        f"{figures_of(row.coarse).mode:.3f}" if len(row.coarse) else "-",
+        _or_none(w["mode"], ".3f"),
         f"{_or_none(claims['found_of_usable'], '.2f')} of {claims['usable']}" if scored else "",
         f"{claims['brier']:.3f} ({claims['brier_of_the_mean']:.3f})" if scored else "",
     ]
@@ -262,7 +262,7 @@ def _or_none(value: float | None, form: str) -> str:
 
 
 def figure_4(rows: Iterable[Row]) -> str:
-    """Share above 0.9 and mode beside the paper's; maps are left out, whose pixels are no finer than the DEM."""
+    """Share above 0.9 and mode of plain windows beside the paper's; maps are left out, whose pixels are no finer than the DEM."""
     lines = [["Pivovarchuk et al. (2026), figure 4", "-", "89 %", "0.985", "-", "84 %", "0.985"]]
     for row in rows:
         found = [figures_of(row.coarse), figures_of(row.fine)]
@@ -294,10 +294,10 @@ def failures(rows: Iterable[Row]) -> str:
 def summary(rows: list[Row]) -> str:
     located = [row for row in rows if row.figures["verdict"] == "located"]
     off = [row.figures["off_m"] for row in located if row.figures["off_m"] is not None]
-    good = sum(float(np.mean(row.coarse > 0.7)) >= 0.5 for row in rows if len(row.coarse))
+    good = [row.figures["windows"]["share_above_0_7"] >= 0.5 for row in rows if len(row.coarse)]
     return (
-        f"{len(located)} of {len(rows)} are located; at least half of the windows correlate above 0.7 in {good} of "
-        f"{sum(len(row.coarse) > 0 for row in rows)}; the largest error of a located one is {max(off, default=0):.0f} m.\n"
+        f"{len(located)} of {len(rows)} are located; at least half of the windows correlate above 0.7 in {sum(good)} of "
+        f"{len(good)}; the largest error of a located one is {max(off, default=0):.0f} m.\n"
     )
 
 

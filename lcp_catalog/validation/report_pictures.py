@@ -302,8 +302,8 @@ place, with a larger share of windows below than the second figure, the histogra
 
 
 PLAIN_CAPTION = (
-    "The same comparison without smoothing: area means of image and render over the cells, as in Pivovarchuk et al. "
-    "(2026). In the other histogram, both are smoothed by two cells, and the image by what the DEM does not resolve."
+    "The same windows without smoothing: area means of image and render over the cells, "
+    "as in Pivovarchuk et al. (2026)."
 )
 
 
@@ -400,7 +400,8 @@ def _histogram_caption(windows: WindowFigures) -> str:
     lowest = lowest_shown(w)
     low = int(np.count_nonzero(w.correlation < lowest))
     sentences = [
-        f"All {w.count} windows count; their spacing is {w.step} cells of {number(w.gsd_m, 4)} m.",
+        f"All {w.count} windows count; their spacing is {w.step} cells of {number(w.gsd_m, 4)} m. Image and render are smoothed "
+        "by two cells, the image also by what the DEM does not resolve.",
         f"Median {w.median:.3f}; of the half with the most texture {percent(w.textured.share_above(0.9))} exceed 0.9.",
         f"Windows without contrast, whose correlation is set to 0: {flat}." if flat else "",
         f"Windows below {lowest:g}, which the first bar includes: {low}." if low else "",

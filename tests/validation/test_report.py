@@ -174,6 +174,18 @@ def test_what_the_histogram_cannot_tell_its_caption_does(monkeypatch: pytest.Mon
     )
 
 
+def test_windows_are_told_with_and_without_smoothing() -> None:
+    image = verdicts.image()
+    w = image.windows.compared
+    plain = replace(w, correlation=np.where(np.arange(w.count) < w.count // 4, 0.95, 0.85))
+    text = texts(alone(replace(image, windows=replace(image.windows, plain=plain))))
+    share = 100.0 * (w.correlation > 0.9).mean()
+    text = " ".join(text.split())
+    assert f"{share:.1f} % of {w.count} windows of 16 x 16 cells, smoothed, correlate" in text
+    assert f"above 0.9; without smoothing {100.0 * (w.count // 4) / w.count:.1f} %" in text
+    assert "Image and render are smoothed by two cells" in text
+
+
 def test_without_a_pose_arrows_are_offsets_and_there_is_no_pose() -> None:
     image = verdicts.image(located=False)
     html = alone(image)
