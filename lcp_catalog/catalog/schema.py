@@ -217,7 +217,8 @@ VARIABLES = {
         ("point",),
         "f8",
         "1",
-        "highest correlation with anything else in the search radius, worst usable condition",
+        "highest correlation found with anything else in the search radius, worst usable condition; may be too low in "
+        "the tiers draft and standard, by up to 0.43 where it was compared",
     ),
     "false_match_probability": Variable(
         ("point",),
