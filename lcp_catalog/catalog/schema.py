@@ -217,8 +217,7 @@ VARIABLES = {
         ("point",),
         "f8",
         "1",
-        "highest correlation found with anything else in the search radius, worst usable condition; may be too low in "
-        "the tiers draft and standard, by up to 0.43 where it was compared",
+        "highest correlation with anything else in the search radius, worst usable condition",
     ),
     "false_match_probability": Variable(
         ("point",),
