@@ -359,7 +359,8 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         figures = found[key]
         if figures:
             low, middle, high = (number(figures[p]) for p in ("p05", "median", "p95"))
-            rows.append((name, f"{middle}{unit} in the median, 5..95 %: {low} to {high}{unit}"))
+            text = f"{middle}{unit} in the median, 5..95 %: {low} to {high}{unit}"
+            rows.append((name, text + _NOTES.get(key, "")))
     rows.append(
         ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
     )
@@ -368,6 +369,9 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("map levels", f"overview and coverage in cells {factors} times as wide"))
     rows += promise_rows(found["promise"])
     return rows
+
+
+_NOTES = {"second_peak": "; it may be higher where the tier is draft or standard"}
 
 
 def _level_rows(levels: list[dict[str, Any]]) -> list[tuple[str, str]]:

@@ -2,9 +2,32 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 
-from lcp_catalog.catalog.schema import summarise_usable, usable
+from lcp_catalog.catalog.schema import (
+    PROMISE,
+    SCHEMA_VERSION,
+    VARIABLES,
+    summarise_usable,
+    usable,
+)
+
+
+def test_files_of_a_schema_stay_readable() -> None:
+    """A file is read only with the texts of its schema, which commit a3164fb3 wrote (2026-11-29): another text is another
+    schema, and has its own entry."""
+    told = json.loads(Path(__file__).with_name("schemas.json").read_text(encoding="utf-8"))
+    own = {
+        group: {
+            name: [list(one.dims), one.dtype, one.units, one.long_name]
+            for name, one in some.items()
+        }
+        for group, some in (("variables", VARIABLES), ("promise", PROMISE))
+    }
+    assert own == told[SCHEMA_VERSION]
 
 
 def test_summary_of_usable_suns() -> None:
