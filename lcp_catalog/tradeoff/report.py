@@ -61,7 +61,8 @@ FILES = ("trade.json", "trade.html", "trade.md")
 RULES = (
     f"“Equal” means that no node, no point and no condition differs from reference, and no detection probability by more than {DETECTION_CHANGE:g}; “nearly equal”, that at most "
     f"{100 * POINTS_SHARE:g} % of the points are lost or gained and at most {100 * CONDITIONS_SHARE:g} % of the conditions change. The fastest tier that "
-    f"qualifies is named; it must save at least {100 * SAVING:g} % against a more exact one. Time is CPU time, which equals wall time on an idle machine."
+    f"qualifies is named; it must save at least {100 * SAVING:g} % against a more exact one. Time is CPU time, which equals wall time on an idle machine. "
+    "All tiers have the reflectance model named at the top here. A build without a stated one takes that of its own tier, and another model changes more: state it."
 )
 
 HELD_EQUAL = (
