@@ -148,14 +148,14 @@ def _sweeps(jobs: dict[str, AreaJob]) -> dict[str, Sweep]:
 def _side_by_side(
     sweeps: dict[str, Sweep], changes: dict[str, ImageChanges]
 ) -> Iterator[dict[str, RenderedImage]]:
-    """Each image in every tier; its time is added to the tier's seconds."""
+    """Each image in every tier; its processor time is added to the tier's seconds."""
     streams = {tier: sweep.images() for tier, sweep in sweeps.items()}
     while True:
         images = {}
         for tier, stream in streams.items():
-            start = time.perf_counter()
+            start = time.process_time()
             image = next(stream, None)
-            changes[tier].seconds += time.perf_counter() - start
+            changes[tier].seconds += time.process_time() - start
             if image is None:
                 return
             images[tier] = image

@@ -199,7 +199,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Row], str]], ...] = (
     ("accuracy", "accuracy tier", lambda r: r["accuracy"]),
     ("CPU time, s", "processor time of all work of a build on the areas, one thread", lambda r: f"{r['cpu_seconds']:.2f}"),
     ("relative CPU time", "as a share of reference", lambda r: times(r["cpu_relative"])),
-    ("image time, s", "all images once: shadows, occlusion, shading", lambda r: f"{r['render_seconds']:.2f}"),
+    ("image time, s", "processor time of all images once: shadows, occlusion, shading", lambda r: f"{r['render_seconds']:.2f}"),
     ("relative image time", "as a share of reference", lambda r: times(r["render_relative"])),
     ("memory, MB", "peak memory of the process, in brackets before its first area", _memory),
     ("wrong shadow", "share of (node, Sun) pairs with a different lit state", lambda r: share_text(r["sunlit_error_share"])),

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +17,7 @@ from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.production import sweep as sweep_module
 from lcp_catalog.production.run import Build
 from lcp_catalog.production.sweep import Sweep
-from lcp_catalog.tradeoff.image_errors import compare_images
+from lcp_catalog.tradeoff.image_errors import ImageChanges, _side_by_side, compare_images
 
 
 @pytest.fixture(scope="module")
@@ -145,3 +148,16 @@ def test_the_bounds_hold_where_nothing_is_wrong(build: Build) -> None:
     for tier, change in changes.items():
         assert change.sunlit_error_share <= TIERS[tier].node_error
         assert change.seconds > 0.0
+
+
+def test_the_time_of_images_is_processor_time() -> None:
+    """Waiting for a busy machine is no work of a tier."""
+
+    def late() -> Iterator[str]:
+        time.sleep(0.2)
+        yield "image"
+
+    changes = {"draft": ImageChanges()}
+    sweep: Any = SimpleNamespace(images=late)
+    assert list(_side_by_side({"draft": sweep}, changes)) == [{"draft": "image"}]
+    assert changes["draft"].seconds < 0.1
