@@ -71,7 +71,7 @@ def _written(folder: str) -> Iterator[Path]:
     "budget_s",
     type=Number(0.0, None, min_open=True),
     metavar="SECONDS",
-    help="Write best.toml, the configuration to take for so much processor time of the build.",
+    help="Write best.toml, the configuration to take for so much processor time of the build; for this scene alone.",
 )
 @click.option(
     "--max-error",
@@ -83,9 +83,8 @@ def _written(folder: str) -> Iterator[Path]:
     "--time-limit",
     type=Number(0.0, None),
     default=180.0,
-    show_default="180",
     metavar="SECONDS",
-    help="Time after which nothing more is begun, half of it for the tiers; 0: tiers alone, without a limit.",
+    help="Time after which nothing more is begun, half of it for the tiers; 0: tiers alone, without a limit. Default 180.",
 )
 @overwrite_option
 def command(

@@ -95,7 +95,7 @@ BUDGETS = {
     # 33: 34 went: one rule for the endings of outputs, their check before every command, options that several commands have
     # 33: 112 went, the tables of the Sun and rules of what goes together are the library's
     # 38: 5 keys of another build as options of its command
-    "code lines, cli": 4297,
+    "code lines, cli": 4296,
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
     # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)
