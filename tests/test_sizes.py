@@ -86,8 +86,8 @@ BUDGETS = {
     # 36: 97 slow places of numba's compiler, replaced while a kernel is compiled: a fifth less time for the same code
     # 37: 47 the points of a plan by the build's own choice among candidates of the areas that were computed
     # 37: 3 names in a histogram of few windows, whose bars ran through them
-    # 37: 8 what few points of a trade do not show, one law in its tiers; windows with and without smoothing; a note on peaks
-    "code lines, lcp_catalog": 49903,
+    # 37: 10 what few points and single runs do not show, one law in its tiers; windows smoothed and not; a note on peaks
+    "code lines, lcp_catalog": 49905,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue

@@ -21,8 +21,8 @@ KNOBS_HEADING = "Every approximation"
 
 KNOBS_EXPLAINED = (
     f"Each row changes one setting of your configuration and is computed on the same areas. Candidates within {NEAR_CELLS:g} cells of each other count as one place.",
-    f"time: processor time of all areas of the build, estimated from those measured, over that of your configuration (median of its runs); in brackets over "
-    f"the longest and the shortest of these runs, or, where a budget may take the alternative, from up to {PAIRS} more runs beside your configuration. Brackets that include 1: no difference.",
+    "time: processor time of all areas of the build, estimated from those measured, over that of your configuration (median of its runs); in brackets with the range "
+    f"of these runs in both times, or, where a budget may take the alternative, that of up to {PAIRS} more pairs of runs. Brackets that include 1: no difference.",
     "conditions changed: of the Suns and views of places in both (and of the image scales, where these change), the share that is usable in one only; in brackets the 90 % interval, from the scatter over "
     "the areas. Between the Suns and views of a coarser grid claims are interpolated, without the margins of a query. A view or scale without a claim is not usable, and has no change of probability.",
     "points: chosen by spacing, in the measured areas alone; a change of the promise is known only where all areas are computed.",

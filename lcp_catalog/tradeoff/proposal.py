@@ -62,8 +62,8 @@ def saves(row: Row, noise: float) -> bool:
 
 def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     """Set the times of rows as shares of the configuration's, the first of them, for all areas of a build: its processor time is
-    the median of runs between those of the others, each of as many areas; their range gives the interval, and that of what was
-    run once (`scattered`).
+    the median of runs between those of the others, each of as many areas; their range gives the interval, in which what was
+    run once scatters as much (`scattered`).
     """
     usual, usual_s = rows[0], statistics.median(baseline_s)
     factor, around_s = usual_s / usual["seconds"], usual["build_interval"]
@@ -78,8 +78,10 @@ def relative(rows: Sequence[Row], baseline_s: Sequence[float]) -> None:
     for row in rows:
         row["build_interval"] = scattered(row["build_interval"], scatter)
         row["seconds_relative"] = (row["build_seconds"] - row["build_start_seconds"]) / areas_s
+        own = [1.0, 1.0] if row is usual else scatter
         row["seconds_interval"] = [
-            row["seconds_relative"] * usual_s / one for one in (max(baseline_s), min(baseline_s))
+            row["seconds_relative"] * usual_s / one * run
+            for one, run in zip((max(baseline_s), min(baseline_s)), own, strict=True)
         ]
 
 
