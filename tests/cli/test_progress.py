@@ -210,7 +210,9 @@ def test_the_heart_beats_while_a_step_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(module, "_BEAT_S", 0.01)
-    monkeypatch.setattr(module, "_FIRST_S", 0.05)
+    monkeypatch.setattr(
+        module, "_FIRST_S", 0.2
+    )  # the second one starts before the first says anything
     monkeypatch.setattr(module, "_EVERY_S", {False: 0.05, True: 0.05})
     others = threading.active_count()  # of tests that ran before
     with alive("build"), progress("areas") as update:

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter
 
 from lcp_catalog.cameras.frame_camera import Camera
+from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
@@ -26,6 +27,7 @@ GSD_M = 400.0
 NODES = 321
 PATCH = 33
 LAW = reflectance_model("lunar-lambert")
+UNCERTAIN = Uncertainty(2000.0, np.radians(0.3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +146,13 @@ def overhead(
         (middle, middle),
         (size_px, size_px),
     )
+
+
+def believed(photo: Image, seed: int = 0, uncertainty: Uncertainty = UNCERTAIN) -> Image:
+    """The image with a sensor that is off by one draw of the uncertainty."""
+    sigmas = uncertainty.sigmas(photo.sensor)
+    draw = np.clip(np.random.default_rng(seed).normal(size=len(sigmas)), -2.0, 2.0)
+    return photo.with_sensor(photo.sensor.moved(sigmas * draw))
 
 
 def mirrored(photo: Image, how: str) -> Image:

@@ -90,7 +90,9 @@ def test_the_searchs_own_law_stays_where_it_is_right(points, world) -> None:
     assert not checked(points, photo, 20.0).fits
 
 
-@pytest.mark.parametrize("elevation_deg", [15.0, 30.0, 50.0])
+@pytest.mark.parametrize(
+    "elevation_deg", [15.0, 50.0, pytest.param(30.0, marks=pytest.mark.slow)]
+)  # 30 deg lies between the others
 def test_a_bent_brightness_is_not_taken_for_an_elevation(
     points, world, elevation_deg: float, monkeypatch
 ) -> None:

@@ -105,6 +105,7 @@ class Made:
         inner = np.ones(found.shape, np.bool_)
         probabilities = np.linspace(1e-3, 1.0 - 1e-3, 4000)
         heights = height(probabilities)
+        stated = [[self._interpolated(i, v) for v in range(2)] for i in range(CANDIDATES)]
         for p in range(PLACES):
             sun = rng.uniform(0.0, 360.0, suns), rng.uniform(-1.54, 1.54, suns)
             elevation, azimuth = angles(self.places[0][p], self.places[1][p], *sun)
@@ -115,7 +116,7 @@ class Made:
                 at = angles(self.sites[0][i], self.sites[1][i], sun[0][some], sun[1][some])
                 outside = (at[0] < self.elevations[0]) | (at[0] > self.elevations[-1])
                 for v, view in enumerate(self.views):
-                    shown = self._interpolated(i, v)(np.stack(at, axis=1))
+                    shown = stated[i][v](np.stack(at, axis=1))
                     shown = shown * signal(*at, view, self.slope[i])
                     percents = 100.0 * np.interp(shown, heights, probabilities)
                     value = np.where(outside, 0, np.floor(np.clip(percents, 0.0, 99.0)))

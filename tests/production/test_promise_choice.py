@@ -361,17 +361,22 @@ def test_every_location_has_a_place_within_the_reach(
     assert away_m.max() <= places.footprint_m / 2.0 - half_m - places.radius_m < 1.5 * away_m.max()
 
 
-@pytest.mark.parametrize("size_km", [60.0, 150.0])
-def test_a_small_footprint_is_refused_with_the_least_that_works(size_km: float) -> None:
+@pytest.mark.parametrize(("size_km", "conditions"), [(60.0, 1320), (150.0, 26_400)])
+def test_a_small_footprint_is_refused_with_the_least_that_works(
+    size_km: float, conditions: int
+) -> None:
+    """Where places are as dense as is wanted, and where so many conditions leave room for few."""
     region = Area(3.5, 26.0, size_km)
     with pytest.raises(ConfigError, match=r"give \d+ km or more") as refused:
-        PromisedPlaces.of(region, PointConfig(footprint_km=10.0), 474.0, 1320, 165)
+        PromisedPlaces.of(region, PointConfig(footprint_km=10.0), 474.0, conditions, 165)
     named = re.search(r"give (\d+) km", str(refused.value))
     assert named is not None
     least = PointConfig(footprint_km=float(named[1]))
-    assert PromisedPlaces.of(region, least, 474.0, 1320, 165).radius_m > 0.0
+    assert PromisedPlaces.of(region, least, 474.0, conditions, 165).radius_m > 0.0
     with pytest.raises(ConfigError, match="too small"):
-        PromisedPlaces.of(region, PointConfig(footprint_km=float(named[1]) - 1.0), 474.0, 1320, 165)
+        PromisedPlaces.of(
+            region, PointConfig(footprint_km=float(named[1]) - 1.0), 474.0, conditions, 165
+        )
 
 
 def test_patches_that_no_footprint_of_a_region_shows_are_named() -> None:

@@ -468,7 +468,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     assert found.best_row is not None
     row = found.best_row | {
         "value": "a: 1", "areas": 14, "interval": [0.01, 0.03], "elsewhere": [0.005, 0.035],
-        "conditions_changed_share": 0.02, "finer": False,
+        "conditions_changed_share": 0.02, "finer": False, "unconfirmed": [],
     }  # fmt: skip
     some = dataclasses.replace(found, best_row=row, budget=Budget(error=0.05), untried=2)
     said = knob_table.best_said(some)
