@@ -4,6 +4,7 @@ says so by its fixture.
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import hashlib
 import json
@@ -173,20 +174,23 @@ def rasters_opened_here() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def start_measured_once() -> Iterator[None]:
-    """What a build takes beside its areas, for which a small one is made in a process of its own, is measured once for a number
-    of jobs.
+def start_measured_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What a build takes beside its areas, for which a small one is made in a process of its own (2 s of processor time), is
+    measured once for a number of jobs, by all workers of a parallel run together.
     """
     from lcp_catalog.production import estimate
     from lcp_catalog.tradeoff import knobs
 
-    known: dict[int, estimate.Start] = {}
-    start_of = estimate.start_of
+    start_of, folder = estimate.start_of, tmp_path_factory.getbasetemp()
+    folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
     def remembered(level: Level, jobs: int) -> estimate.Start:
-        if jobs not in known:
-            known[jobs] = start_of(level, jobs)
-        return known[jobs]
+        known = folder / f"start_with_{jobs}_jobs.json"
+        if not known.is_file():
+            aside = known.with_suffix(f".{os.getpid()}")
+            aside.write_text(json.dumps(dataclasses.asdict(start_of(level, jobs))))
+            aside.replace(known)
+        return estimate.Start(**json.loads(known.read_text()))
 
     with pytest.MonkeyPatch.context() as patch:
         for module in (estimate, knobs):
@@ -223,10 +227,24 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """`make test` draws a third of the examples that a test of hypothesis states, other ones in each run; `make
-    test-slow` draws all.
+def pytest_configure(config: pytest.Config) -> None:
+    """Every second worker of a parallel run imports the test modules in reverse. In a new clone their assertions are rewritten
+    first (8 s of processor time): each worker does half, and reads what the other has written.
     """
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if int(worker.removeprefix("gw")) % 2 and [Path(one).resolve() for one in config.args] == [
+        HERE
+    ]:
+        found = [*HERE.glob("test_*.py"), *(path.parent for path in HERE.glob("*/test_*.py"))]
+        config.args = [str(path) for path in sorted({*found}, reverse=True)]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """All workers have the same order. `make test` draws a third of the examples that a test of hypothesis states, other ones
+    in each run; `make test-slow` draws all.
+    """
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: item.path.parts)
     if os.environ.get("LCP_ALL_EXAMPLES"):
         return
     tests = {getattr(one, "__func__", one) for one in (getattr(i, "obj", None) for i in items)}
