@@ -451,6 +451,8 @@ def _by_sun(document: dict[str, Any]) -> Iterator[str]:
             f"{one['sun_elevation']:g} deg {one['by_points']:.2f}, {one['with_ground']:.2f}"
             for one in frames
         )
+        if (kept := document.get("promise_kept")) is not None:
+            told += f"; of the promise for all Suns between, roughly {100.0 * kept:.0f} % is kept"
         yield f"about how probably a frame of the footprint is located, by points, with the ground: {told}"
 
 

@@ -90,6 +90,13 @@ _HELP = {
 }
 """Why points are lacking, by `schema.COVERAGE_STATUS` and `schema.Cause`, and what else helps."""
 
+_LONE = (
+    "two elevations of the Sun (of {} deg) have no third beside them, and a point does not count where it has the Sun below the "
+    "lower or above the higher one that is between them at the middle of a footprint: `sun.elevations_deg` {} comes before a "
+    "camera that sees more ground, or a finer DEM"
+)
+"""Why few points count between two elevations alone."""
+
 
 @dataclass(frozen=True)
 class Cure:
@@ -237,6 +244,9 @@ class Trial:
         """What helps against causes (by name, the share of each) at places, or why nothing does."""
         main = max(causes, key=lambda name: causes[name])
         why = f"{main}: {_HELP[main]}"
+        sun = self.build.recipe.config.sun
+        if main == "few" and (more := _with_middles(sun)):
+            why = "few: " + _LONE.format(_text("", tuple(sun.elevations_deg)), _text("", more))
         found = cures(self.build, causes)[:_TRIED]
         if not found:
             return f"no change of the configuration is known to help ({why})"

@@ -246,10 +246,12 @@ class PromiseChoice:
         ids = stable_id(table["lon_deg"][rows], table["lat_deg"][rows])
         return rows[np.argsort(ids, kind="stable")], promise
 
-    def rows(self, table: AnyArray, most: int | None) -> Index:
-        """The rows that `choose` chooses, in any order."""
-        pool, cover, wanted, _ = self._asked(table)
-        return pool[choose_cover(cover, wanted, most).chosen]
+    def rows(self, table: AnyArray, most: int | None) -> tuple[Index, float]:
+        """The rows that `choose` chooses, in any order, and the share of what is promised that they keep."""
+        pool, cover, wanted, demand = self._asked(table)
+        chosen = choose_cover(cover, wanted, most).chosen
+        kept = (cover.counts(chosen) >= demand)[demand > 0]
+        return pool[chosen], float(kept.mean()) if len(kept) else 0.0
 
     def _asked(self, table: AnyArray) -> tuple[Index, Cover, Int16, Int16]:
         """Rows that can be chosen and what they are worth, what is wanted of them and what is promised, (place, cell)."""

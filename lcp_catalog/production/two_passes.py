@@ -142,7 +142,7 @@ def _chosen_next(recipe: Recipe, areas: Iterable[_Known]) -> list[Index]:
             choice.see(area.table, area.stages)
     table, done = np.concatenate(tables), np.concatenate(evaluated)
     most = config.points.max_points
-    rows = choice.rows(table, most) if choice else _chosen_after(table, done, config)
+    rows = choice.rows(table, most)[0] if choice else _chosen_after(table, done, config)
     rows = np.sort(rows[~done[rows]])
     ends = np.cumsum([len(one) for one in tables])
     each = np.split(rows, np.searchsorted(rows, ends[:-1]))

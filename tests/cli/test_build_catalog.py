@@ -101,6 +101,7 @@ def test_plan_writes_nothing_and_speaks_json(
         "decisions",
         "albedo_worth",
         "located_by_sun",
+        "promise_kept",
         "one_direction",
         "matching_cost",
     }
@@ -203,7 +204,9 @@ def test_plan_is_six_lines(tmp_path: Path, config: str, capsys: pytest.CaptureFi
     assert re.match(turned, lines[3])
     assert re.match(worth, lines[4])
     assert re.match(
-        r"about how probably a frame .* is located, .*: 10 deg [\d.]+, [\d.]+; 30 deg ", lines[5]
+        r"about how probably a frame .* is located, .*: 10 deg [\d.]+, [\d.]+; 30 deg .*; of the promise for all Suns "
+        r"between, roughly \d+ % is kept$",
+        lines[5],
     )
     assert run([*small, "--albedo", "none", "--accuracy", "high"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 4

@@ -143,6 +143,23 @@ def test_where_nothing_helps_the_cause_is_said() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("elevations", "lone"), [((15.0, 40.0), True), ((15.0, 27.5, 40.0), False), ((15.0,), False)]
+)
+def test_few_points_between_two_elevations_are_no_matter_of_cameras(
+    elevations: tuple[float, ...], lone: bool
+) -> None:
+    config = CONFIG.replaced({"sun.elevations_deg": elevations})
+    trial = Trial(planned(config), lambda config: Yield(0), 0.0, 0.0)
+    said = trial.advice({"few": 0.8}, [])
+    assert ("(few: two elevations of the Sun (of 15,40 deg) have no third" in said) is lone
+    assert said.count("`sun.elevations_deg` 15:40:12.5") == (2 if lone else 0)  # cure and cause
+    assert ("lie too thinly" in said) is not lone
+    assert "`sun.elevations_deg` 15:40:12.5 comes" not in trial.advice(
+        {"few": 0.1, "dark": 0.8}, []
+    )
+
+
 def test_points_where_there_were_none_help() -> None:
     text = advice(
         lambda config: Yield(3 if config.points.patch_nodes == 51 else 0), {"ambiguous": 9}

@@ -106,8 +106,8 @@ def suns_that_happen(rng: np.random.Generator, lat_deg: np.ndarray) -> np.ndarra
 
 def stated(
     plan: Build, areas: dict[str, FinishedArea], some: list[int], monkeypatch: pytest.MonkeyPatch
-) -> float:
-    """Points that a plan expects when it has computed some of the areas."""
+) -> tuple[float, float]:
+    """Points that a plan expects when it has computed some of the areas, and the share of the promise that they keep."""
     monkeypatch.setattr(estimate, "table_of", lambda area, _: area.table)
     monkeypatch.setattr(estimate, "cell_stages", lambda area, _: area.stages)
     made = [AreaResult(areas[job.task.name], None) for job in plan.jobs]
@@ -121,15 +121,19 @@ def test_a_plan_expects_the_points_that_the_promise_takes(
     catalog: Catalog,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """With all areas as many as the build takes; with one in the place of the other about as many; of a part of the region what
-    is promised in the whole.
+    """With all areas as many as the build takes, which keep as much; with one in the place of the other about as many; of a part
+    of the region what is promised in the whole.
     """
-    assert stated(plan, areas, [0, 1], monkeypatch) == len(catalog) > 20
+    points, kept = stated(plan, areas, [0, 1], monkeypatch)
+    assert points == len(catalog) > 20
+    cause = np.asarray(catalog.promise.cause)
+    assert kept == pytest.approx((cause == Cause.MET).sum() / (cause != NO_CELL).sum())
+    assert 0.1 < kept < 0.99
     for k in (0, 1):
-        assert stated(plan, areas, [k], monkeypatch) == pytest.approx(len(catalog), rel=0.25)
+        assert stated(plan, areas, [k], monkeypatch)[0] == pytest.approx(len(catalog), rel=0.25)
     monkeypatch.setattr(estimate, "CHOICE_CANDIDATES", 1)
     monkeypatch.setattr(estimate, "_PART_FOOTPRINTS", 1.25)
-    part = stated(plan, areas, [0, 1], monkeypatch)
+    part, _ = stated(plan, areas, [0, 1], monkeypatch)
     assert len(catalog) != part == pytest.approx(len(catalog), rel=0.4)
 
 
