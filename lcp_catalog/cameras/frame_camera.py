@@ -303,9 +303,10 @@ def camera_from_json(document: Any, name: str = "camera") -> Camera:
     """The camera of the content of a CAMERA.json. CameraError for unknown keys, too, with the key that is alike."""
     if not isinstance(document, Mapping):
         raise CameraError(f"{name}: a camera file holds one JSON object")
-    if document and document.keys().isdisjoint(_NEEDED):
+    if document.keys().isdisjoint(_NEEDED):
+        has = f"the keys {_shown([*document])}" if document else "no key"
         raise CameraError(
-            f"{name}: is no camera: has none of the keys {', '.join(_NEEDED)}; give a CAMERA.json, a USGS ISD or a .tsai file"
+            f"{name}: is no camera: has {has}, a camera has {', '.join(_NEEDED)}; give a CAMERA.json, a USGS ISD or a .tsai file"
         )
     if unknown := unknown_keys(document.keys() - {SCHEMA}, (*_NEEDED, *_OPTIONAL, _NOTE)):
         raise CameraError(f"{name}: has {unknown}")

@@ -93,15 +93,29 @@ def warn_of_doubts(dems: DemSet, box: Bounds, side: int = 256) -> None:
 
 
 def refuse_zeros(dems: DemSet, box: Bounds, side: int) -> None:
-    """DemError for a local file in a box whose pixels are all zero. All of them are read where sample windows
-    (`warn_of_doubts`) hold no other height.
+    """DemError for a file in a box, degrees, whose pixels are all zero. Sample windows (`warn_of_doubts`) are read until another
+    height is found; where they hold none all pixels of a local file, and those in the box of one on a server.
     """
     for dem in dems.dems:
-        if dem.grid.bounds.meets(box) and url_of(dem.path) is None:
-            texts, rows, cols = _doubts_of(dem, side, dem.identity), dem.grid.height, dem.grid.width
-            blocks = (dem.read(row, min(row + 64, rows), 0, cols) for row in range(0, rows, 64))
-            if {ALL_ZERO, _SEEN_ZERO} & {*texts} and not any(block.any() for block in blocks):
-                raise DemError(f"{dem.path}: {ALL_ZERO}")
+        if not dem.grid.bounds.meets(box) or any(z.any() for z, *_ in sample_windows(dem, side)):
+            continue
+        far = url_of(dem.path) is not None
+        row0, row1, col0, col1 = (
+            _in_box(dem, box) if far else (0, dem.grid.height, 0, dem.grid.width)
+        )
+        blocks = (dem.read(row, min(row + 64, row1), col0, col1) for row in range(row0, row1, 64))
+        if not any(block.any() for block in blocks):
+            raise DemError(f"{dem.path}: {_SEEN_ZERO if far else ALL_ZERO}")
+
+
+def _in_box(dem: Dem, box: Bounds) -> tuple[int, int, int, int]:
+    """First row and column, and those after the last, of a file's pixels in a box, by a lattice of places."""
+    lon, lat = np.linspace(box.west, box.east, 65), np.linspace(box.south, box.north, 65)
+    inside, *pixel = dem.grid.located(*np.meshgrid(lon, lat))
+    col, row = (np.rint(values[inside]).astype(int) for values in pixel)
+    if not len(col):
+        return 0, 0, 0, 0
+    return int(row.min()), int(row.max()) + 1, int(col.min()), int(col.max()) + 1
 
 
 def warn_of_all_heights(dem: Dem, found: HeightStatistics | None) -> None:

@@ -123,8 +123,9 @@ def test_the_image_has_the_cameras_size(all_three):
         (b"VERSION_4\n", "lacks fu"),
         (
             b'{"images": [], "claims": {}}',
-            "is no camera: has none of the keys position_mcmf_m, .*; give a CAMERA",
+            r'is no camera: has the keys \["images", "claims"\], a camera has position_mcmf_m, .*; give a CAMERA',
         ),
+        (b"{}", "is no camera: has no key, a camera has position_mcmf_m, .*; give a CAMERA"),
     ],
 )
 def test_refused_camera_files(tmp_path, content, says):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import rasterio
 from helpers.products import DEGREE_M, geotiff
+from helpers.range_server import range_server
 from helpers.small_build import CONFIG, DEM
 from lcp_cli.main import run
 from rasterio.windows import Window
@@ -19,6 +20,7 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.plausibility import refuse_zeros, warn_of_doubts
 from lcp_catalog.errors import DemError
 from lcp_catalog.production.run import Build
+from lcp_catalog.terrain.area import Area
 
 KILOMETRES, FLAT, STEEP = "look like kilometres", "are flatter than", "are steeper than"
 ZEROS, EQUAL = "lie in lines or blocks of zeros", "lie in lines of equal heights"
@@ -130,6 +132,36 @@ def test_a_build_refuses_zeros_alone_when_it_has_read_them_all(
         return
     with pytest.raises(DemError, match=r"zero\.tif: every pixel is zero: an incomplete download"):
         refuse_zeros(dems, dems.bounds, 64)
+
+
+@pytest.mark.parametrize(
+    ("place", "size_km", "refused"),
+    [(None, 0.1, True), ((130, 130), 10.0, False), ((130, 130), 0.1, True)],
+)
+def test_zeros_on_a_server_are_refused_by_windows_and_the_region(
+    place: tuple[int, int] | None, size_km: float, refused: bool, tmp_path: Path
+) -> None:
+    """800 x 800 pixels, no tile of which is asked for but those of windows of 64 and of a region around their middle; a height
+    between the windows counts in a region that holds it.
+    """
+    zeros = np.zeros((800, 800), np.float32)
+    if place:
+        zeros[place] = 5.0
+    path = written(tmp_path / "zero.tif", zeros)
+    dem = DemSet.open([path]).dems[0]
+    lon, lat = dem.grid.lonlat(*(place or (400, 400)))
+    aside = 0.0 if size_km > 1.0 else 0.1
+    region = Area(float(lon) + aside, float(lat), size_km).bounds
+    with range_server(tmp_path) as served:
+        dems = DemSet.open([Path(f"{served.url}/zero.tif")])
+        if not refused:
+            refuse_zeros(dems, region, 64)
+            return
+        with pytest.raises(
+            DemError, match=r"zero\.tif: every pixel that was looked at is zero: an in"
+        ):
+            refuse_zeros(dems, region, 64)
+        assert sum(count for *_, count in served.asked) < 0.6 * path.stat().st_size
 
 
 @pytest.mark.parametrize("more", [[], ["--plan"]])

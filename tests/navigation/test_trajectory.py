@@ -131,7 +131,7 @@ def test_a_bad_csv_is_one_line(text: str, why: str, cameras: list[Camera], tmp_p
         ("[]", "has no frame"),
         ("{}", "must be a list of cameras"),
         ("[1]", "camera 1: a camera file holds one JSON object"),
-        ("[{}]", "camera 1: lacks position_mcmf_m"),
+        ("[{}]", "camera 1: is no camera: has no key"),
         (HEAD + GOOD, "give its camera with `camera`"),
     ],
 )
