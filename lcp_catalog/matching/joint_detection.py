@@ -45,7 +45,7 @@ from ..landmarks.located import (
     log10_false_alarms,
 )
 from .consensus import by_chance, minimal_set, widened
-from .point_choice import at_one_scale, patch_width_px, reduction
+from .point_choice import patch_width_px, reduction, searched_first
 from .position_fix import USUAL, Options
 from .search_area import search_reach_px, slack_px
 
@@ -126,7 +126,7 @@ def joint_detection(
     when the points are searched for. `locate` looks for the points of one scale under its Sun (``sun_direction``, unit MCMF
     vector), at most `Options.most_first`.
     """
-    some = np.isin(rows, at_one_scale(catalog, rows, sensor, sun_direction))
+    some = np.isin(rows, searched_first(catalog, rows, sensor, sun_direction))
     order = np.argsort(-probability[some], kind="stable")[: OPTIONS.most_first]
     chosen = np.flatnonzero(some)[order]
     if not len(chosen):

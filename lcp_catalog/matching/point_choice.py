@@ -243,10 +243,26 @@ def at_one_scale(
     return rows[works[best]] if works[best].any() else rows
 
 
-def searched_first(catalog: Catalog, rows: Index, image: Image) -> Index:
-    """Those rows (n,) that are `at_one_scale` of an image under its Sun."""
+def searched_first(
+    catalog: Catalog, rows: Index, sensor: Sensor, sun_directions: ArrayLike | None
+) -> Index:
+    """Those rows (n,) of points in view, or perhaps in view, whose level is one of those `at_one_scale` of the points in view,
+    for all who ask alike; of no point in view, of the rows. ``sun_directions`` (3,) or (n, 3): unit MCMF vectors, of the rows.
+    """
+    level = np.asarray(catalog.level)
+    if not len(rows) or (level[rows] == level[rows[0]]).all():
+        return rows
+    sun = None if sun_directions is None else np.mean(np.atleast_2d(sun_directions), axis=0)
+    seen = points_in_view(catalog, sensor)
+    first = at_one_scale(catalog, seen if len(seen) else rows, sensor, sun)
+    some = rows[np.isin(level[rows], level[first])]
+    return some if len(some) else rows
+
+
+def searched_in(catalog: Catalog, rows: Index, image: Image) -> Index:
+    """Those rows (n,) that are `searched_first` in an image under its Sun."""
     suns = image.sun_directions(catalog.position_mcmf[rows])
-    return at_one_scale(catalog, rows, image.sensor, suns)
+    return searched_first(catalog, rows, image.sensor, suns)
 
 
 def _worth(catalog: Catalog, rows: Index, sensor: Sensor, suns: Array, factor: int) -> float:
@@ -414,10 +430,10 @@ def reductions(
 def usual_reductions(
     catalog: Catalog, sensor: Sensor, rows: Index, sun_directions: ArrayLike | None
 ) -> Index:
-    """`reductions` (n,) of the points in view (rows (n,)) where those `at_one_scale` are searched first."""
+    """`reductions` (n,) of the points in view (rows (n,)) where some are `searched_first`."""
     if not len(rows):
         return np.ones(0, np.int64)
-    first = at_one_scale(catalog, rows, sensor, sun_directions)
+    first = searched_first(catalog, rows, sensor, sun_directions)
     levels = frozenset(np.asarray(catalog.level)[first].tolist())
     return reductions(catalog, sensor, rows, levels, reduction(catalog, sensor, first))
 

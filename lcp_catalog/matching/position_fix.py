@@ -43,7 +43,7 @@ from .point_choice import (
     patch_width_px,
     points_in_view,
     reductions,
-    searched_first,
+    searched_in,
     shows_points,
     working_image,
 )
@@ -210,7 +210,7 @@ def locate(
             image, "image", "an Image (of a simulated frame `image`) or the path of its file"
         )
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
-    area = area.only(np.isin(area.points, searched_first(catalog, area.points, image)))
+    area = area.only(np.isin(area.points, searched_in(catalog, area.points, image)))
     working = working_image(catalog, image, area.points)
     levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
     search = _FixSearch(catalog, image, working, uncertainty, law, options, levels)

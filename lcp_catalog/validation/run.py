@@ -35,7 +35,7 @@ from ..landmarks.error_model import ErrorModel
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.matches import Matches
-from ..matching.point_choice import points_in_view, searched_first, shows_points
+from ..matching.point_choice import points_in_view, searched_in, shows_points
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
 from ..matching.position_fix import (
@@ -365,7 +365,7 @@ def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: 
     """
     reach = 2.0 * options.most_sigmas
     rows = perhaps_in_view(catalog, image.sensor, request.uncertainty, reach).points
-    rows = searched_first(catalog, rows, image)
+    rows = searched_in(catalog, rows, image)
     return catalog.take(rows, cells=np.zeros(0, np.int64)) if len(rows) else catalog
 
 

@@ -19,7 +19,12 @@ from lcp_catalog.catalog.schema import summarise_usable
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches
-from lcp_catalog.matching.point_choice import at_one_scale, working_image
+from lcp_catalog.matching.point_choice import (
+    at_one_scale,
+    points_in_view,
+    searched_first,
+    working_image,
+)
 from lcp_catalog.matching.point_search import SearchImage, find_points
 from lcp_catalog.matching.pose import position_error
 from lcp_catalog.matching.position_fix import locate
@@ -152,16 +157,25 @@ def test_the_scale_is_the_finest_at_which_points_are_enough_under_the_sun(
     fine: float, coarse: float, used: set[int]
 ) -> None:
     """11 certain points locate a frame, 40 of 0.3 do not (docs/explanation/selection.md)."""
-    level = np.repeat([0, 1], [40, 20]).astype(np.int32)
+    level = np.repeat([0, 1], [40, 20])
+    catalog = claiming(np.where(level == 0, fine, coarse), level)
+    camera = overhead(pixel_m=100.0)
+    sun = HADLEY.direction_to_mcmf(direction_enu(100.0, 17.0))
+    rows = at_one_scale(catalog, np.arange(60), camera, sun)
+    np.testing.assert_array_equal(rows, np.flatnonzero(np.isin(level, list(used))))
+
+
+def claiming(claims: np.ndarray, level: np.ndarray) -> Catalog:
+    """Flat patches around Hadley with cells of 100 m times two to the ``level`` (n,), and one claim (n,) each in all conditions."""
     gsd = 100.0 * 2.0**level
-    whole = everywhere_usable(60)
-    claims = np.where(level == 0, fine, coarse)[:, None, None, None, None]
+    whole = everywhere_usable(len(level))
+    claims = claims[:, None, None, None, None]
     usable = np.where(claims[:, 0] >= 0.9, 31, 25).astype(np.uint8)
     condition = np.broadcast_to(usable, whole.condition.shape)
     lowest, highest = summarise_usable(condition, whole.sun_elevation)
-    catalog = dataclasses.replace(
+    return dataclasses.replace(
         whole,
-        level=level,
+        level=level.astype(np.int32),
         gsd=gsd,
         gsd_min=gsd,
         gsd_max=4.0 * gsd,
@@ -170,7 +184,29 @@ def test_the_scale_is_the_finest_at_which_points_are_enough_under_the_sun(
         sun_elevation_max=highest,
         detection_probability=np.broadcast_to(claims, whole.detection_probability.shape),
     )
-    camera = overhead(pixel_m=100.0)
+
+
+def test_the_scale_is_that_of_the_points_in_view_whoever_asks() -> None:
+    """Points of the finest cells are enough beside the image and in a part of it, in the whole of it they are not."""
+    level = np.tile([0, 0, 1], 30)
+    camera = overhead(pixel_m=100.0, size_px=450)
+    seen = points_in_view(claiming(np.full(90, 0.9), level), camera)
+    assert 20 < len(seen) < 60
+    everyone = np.arange(90)
+    beside = np.setdiff1d(everyone, seen)
+    claims = np.where(level == 1, 0.98, 0.3)
+    claims[beside] = 0.98
+    catalog = claiming(claims, level)
     sun = HADLEY.direction_to_mcmf(direction_enu(100.0, 17.0))
-    rows = at_one_scale(catalog, np.arange(60), camera, sun)
-    np.testing.assert_array_equal(rows, np.flatnonzero(np.isin(level, list(used))))
+    assert set(level[at_one_scale(catalog, seen, camera, sun)]) == {0, 1}
+    assert set(level[at_one_scale(catalog, everyone, camera, sun)]) == {0}  # a scale of others
+    for rows in (seen, everyone, beside, seen[:12]):
+        np.testing.assert_array_equal(searched_first(catalog, rows, camera, sun), rows)
+        suns = np.tile(sun, (len(rows), 1))
+        np.testing.assert_array_equal(searched_first(catalog, rows, camera, suns), rows)
+    claims[seen] = 0.98
+    better = claiming(claims, level)
+    fine = np.flatnonzero(level == 0)
+    np.testing.assert_array_equal(searched_first(better, everyone, camera, sun), fine)
+    coarse = np.flatnonzero(level == 1)  # none of those that are searched first: all
+    np.testing.assert_array_equal(searched_first(better, coarse, camera, sun), coarse)
