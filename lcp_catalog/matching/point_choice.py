@@ -39,7 +39,9 @@ LEAST_SIGMA_PX = 0.02
 """1 sigma, each axis, of what a match errs beyond its covariance."""
 
 _ENOUGH, _NEARLY = 0.99, 0.9
-"""Probability with which points that are enough locate a frame; share of the most that is as good."""
+"""Probability with which points that are enough locate a frame; share of the most units, at most those of enough points, that is
+as good: 0.9 of the units that surely locate a frame are taken as enough.
+"""
 
 _LEAST_MOVING = 1e-3
 """Share of the noise that displaces matches below which that of a claim says nothing about the rest."""
@@ -217,8 +219,8 @@ def at_one_scale(
 ) -> Index:
     """Those rows (n,) whose level works at one scale of the image: the cell is not larger than the pixel, and
     the pixel not larger than the greatest `Catalog.gsd_max` of the level. Scales are the image's own and,
-    for levels of larger cells, reduced ones; the finest is taken at which points are surely enough to locate the frame under the
-    Sun (``sun_directions`` (n, 3) or (3,), unit MCMF vectors), else one at which they are worth most (`landmarks.located`).
+    for levels of larger cells, reduced ones; the finest is taken at which points have 0.9 of the units (`landmarks.located`) that
+    surely locate the frame under the Sun (``sun_directions`` (n, 3) or (3,), unit MCMF vectors), else of the most units.
     Without claims, the finest at which at least half as many points work as at the best. All rows if they are of one level, or
     if no level works.
     """
