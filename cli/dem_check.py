@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 import click
 
@@ -33,19 +34,8 @@ def command(dem: tuple[str, ...], as_json: bool) -> int:
         if not as_json:
             echo(_text(verdicts[-1]))
     if as_json:
-        echo(json.dumps([_object(one) for one in verdicts], indent=2))
+        echo(json.dumps([asdict(one) | {"sound": one.sound} for one in verdicts], indent=2))
     return 0 if all(one.sound for one in verdicts) else EXIT_NO
-
-
-def _object(one: CheckResult) -> dict[str, Any]:
-    return {
-        "path": one.path,
-        "product": one.product,
-        "sound": one.sound,
-        "problems": list(one.problems),
-        "notes": list(one.notes),
-        "warnings": list(one.warnings),
-    }
 
 
 def _text(one: CheckResult) -> str:

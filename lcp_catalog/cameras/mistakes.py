@@ -90,14 +90,14 @@ Sees = Callable[[Camera], bool]
 """True for a camera that sees what it should."""
 
 
-def likely_mistake(camera: Camera, sees: Sees, also: Sees | None = None) -> str:
+def likely_mistake(camera: Sensor, sees: Sees, also: Sees | None = None) -> str:
     """The mistakes that explain why a camera does not see what it should, each with what undoes it and where the
-    camera then looks; empty for a camera that does, and if none of the known ones explains it. At most
+    camera then looks; empty for one that does, for a scanner, and if none of the known ones explains it. At most
     `_MOST` are named: those after which the camera looks down, or else those after which its axis meets the ground
     and its image's middle sees what it should, which a wide image does by chance at its edge. ``sees``: True for a
     camera that does, like `sees_moon`; ``also``: what one without the mistake must see, too, like a catalogue.
     """
-    if sees(camera):
+    if not isinstance(camera, Camera) or sees(camera):
         return ""
     found = [
         one

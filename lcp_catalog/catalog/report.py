@@ -342,7 +342,10 @@ def render_report(
         promise=_promise(catalog, found),
         moments=moments,
         claims=_claims(catalog, statistics, disc),
-        discs=_discs(statistics, disc),
+        discs=[
+            disc.draw(share, f"usable share by Sun direction, view {k}", large=True)
+            for k, share in enumerate(statistics.by_view_and_sun)
+        ],
         view_name=view_name,
         distributions=_distributions(catalog),
         chosen=sentence,
@@ -508,14 +511,6 @@ def _holes(catalog: Catalog) -> list[dict[str, Any]]:
         {"symbol": symbol(shape, "hole"), "name": name, "count": counts[name], "meaning": meaning}
         for name, (shape, meaning) in HOLES.items()
         if counts[name]
-    ]
-
-
-def _discs(statistics: Statistics, disc: SunDisc) -> list[Markup]:
-    """The usable share by Sun direction in each view."""
-    return [
-        disc.draw(share, f"usable share by Sun direction, view {k}", large=True)
-        for k, share in enumerate(statistics.by_view_and_sun)
     ]
 
 

@@ -23,7 +23,6 @@ log = logging.getLogger(__name__)
 _UNKNOWN_TIE_M = 30.0
 """1 sigma, each axis, assumed of the place of a product's map of which none is published: the largest published."""
 
-_CLUSTERS = 16
 _NODES = 12
 """Along a side of a cluster: places close together are read in one small window."""
 
@@ -142,7 +141,7 @@ def _shared(one: Layer[Dem], other: Layer[Dem], box: Bounds) -> SharedGround | N
 
 
 def _centres(one: Layer[Dem], other: Layer[Dem], box: Bounds) -> tuple[Array, Array]:
-    """Longitudes and latitudes of `_CLUSTERS` places or fewer, spread over what two layers share of a box."""
+    """Longitudes and latitudes of a place in each of `_parts`, spread over what two layers share of a box."""
     share = (np.arange(_LATTICE) + 0.5) / _LATTICE
     lons, lats = [np.zeros(0)], [np.zeros(0)]
     for a, b in itertools.product(one.dems, other.dems):

@@ -36,11 +36,6 @@ _LONGEST_S, _MOST_MB = 3600.0, 16_000.0
 """Processor time and memory that SPICE may use."""
 
 
-def plate_count(points: ExportedPoints) -> int:
-    """Plates of all patches."""
-    return 2 * len(points) * (points.catalog.patch_nodes - 1) ** 2
-
-
 def write_dsk(points: ExportedPoints, path: Path) -> None:
     """One segment of the Moon's surface 1, in the frame's name of NAIF's kernels, valid 1900 to 2100.
 
@@ -48,7 +43,7 @@ def write_dsk(points: ExportedPoints, path: Path) -> None:
     that overlap give plates above each other. AreaError for more than `PLATES_MAX` plates unless
     the points were chosen by a box. MissingPackageError without spiceypy.
     """
-    count = plate_count(points)
+    count = 2 * len(points) * (points.catalog.patch_nodes - 1) ** 2
     if count > PLATES_MAX and points.box is None:
         raise AreaError(
             f"{count} plates are too many for a site ({PLATES_MAX}); choose it with `bounds`"

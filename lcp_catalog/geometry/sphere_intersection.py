@@ -11,14 +11,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..constants import MOON_RADIUS_M
 from ..kernels import sphere_rays as kernel
 from .frames import mcmf_to_lonlat
-
-Indices = NDArray[np.intp]
 
 
 def ranges(position_m: ArrayLike, directions: ArrayLike, radius_m: float = MOON_RADIUS_M) -> Array:

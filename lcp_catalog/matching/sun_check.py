@@ -326,7 +326,9 @@ def check_sun(
     for law in map(reflectance_model, LAWS):
         if law.name == model.name:
             continue
-        if not _most_gain(tried.best_z(law, glance, SIDEWAYS_DEG) - own_z[::_GLANCE]):
+        if not _most_gain(
+            _highest(fisher_z(tried.under(law, glance, SIDEWAYS_DEG)[0])) - own_z[::_GLANCE]
+        ):
             continue
         other, z = tried.check(law, rows, independent_share)
         gain = float(np.median(z - own_z))
@@ -370,12 +372,6 @@ class _Tried:
             for turned, raised in turns_deg
         ]
         return np.array([f[0] for f in found]), np.array([f[1] for f in found])
-
-    def best_z(
-        self, law: Reflectance, rows: Index, turns_deg: Sequence[tuple[float, float]]
-    ) -> Array:
-        """Each point's z (k,) under the Sun with the highest median."""
-        return _highest(fisher_z(self.under(law, rows, turns_deg)[0]))
 
     def check(
         self, law: Reflectance, rows: Index, independent_share: float

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cameras.frame_camera import Camera
 from ..cameras.mistakes import likely_mistake
 from ..cameras.sensor import POSE, Sensor
 from ..cameras.view import below_sphere, footprint
@@ -92,7 +91,7 @@ def _elsewhere(catalog: Catalog, sensor: Sensor) -> str:
     """The catalogue of the ground that a sensor sees, priced by its area; empty if it sees none, and for a camera that would
     see points without a mistake of its file.
     """
-    if isinstance(sensor, Camera) and likely_mistake(sensor, shows_points(catalog)):
+    if likely_mistake(sensor, shows_points(catalog)):
         return ""
     if below_sphere(sensor):  # without a footprint
         return ""

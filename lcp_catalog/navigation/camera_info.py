@@ -65,9 +65,7 @@ def blind_to_points(catalog: Catalog, sensor: Sensor) -> str:
     """
     if len(points_in_view(catalog, sensor)):
         return ""
-    mistake = ""
-    if isinstance(sensor, Camera):
-        mistake = likely_mistake(sensor, shows_points(catalog))
+    mistake = likely_mistake(sensor, shows_points(catalog))
     return none_in_view(catalog, sensor) + (f"; {mistake}" if mistake else "")
 
 

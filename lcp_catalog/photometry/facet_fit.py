@@ -561,13 +561,9 @@ def fit_chart(fit: Fit, measurements: Measurements) -> str:
     for sample, node in zip(measurements.samples, fit.model.nodes, strict=True):
         emission, values = (sample.scaled() if fit.normalized else sample).level_values()
         dots = Curve(emission, values, "dots", "measured")
-        panels.append(incidence_panel(node.incidence_deg, (dots, *lobe_curves(fit.model, node))))
+        curves, source = (dots, *lobe_curves(fit.model, node)), (node.incidence_deg, "source")
+        panels.append(Panel(f"incidence {node.incidence_deg:g}°", curves, (source,)))
     return polar_chart(panels, f"{measurements.name}: relative intensity", 2)
-
-
-def incidence_panel(incidence_deg: float, curves: tuple[Curve, ...]) -> Panel:
-    """Panel of one incidence, with the source marked."""
-    return Panel(f"incidence {incidence_deg:g}°", curves, ((incidence_deg, "source"),))
 
 
 def lobe_curves(model: FacetModel, node: Node) -> tuple[Curve, ...]:

@@ -33,11 +33,6 @@ TURNED_MOST = 0.005
 """Share up to which a direction for a whole area needs no remedy."""
 
 
-def turned_share(tolerance_deg: float, sun_deg: float) -> float:
-    """Share of the `unshadowed` flags under a Sun that one direction for an area changes (`TURNED`)."""
-    return float(np.interp(sun_deg, TURNED_DEG, TURNED)) * tolerance_deg / 0.5
-
-
 def _measured(sun_deg: float) -> str:
     """Whether `TURNED` was measured under such a Sun."""
     lowest = TURNED_DEG[0]
@@ -47,9 +42,11 @@ def _measured(sun_deg: float) -> str:
 def turned_flags(
     tolerance_deg: float, own_sun_deg: float, suns_deg: Sequence[float]
 ) -> tuple[float, float]:
-    """The lowest Sun of a grid, degrees, under which an area has one direction, and the share of its flags that changes."""
+    """The lowest Sun of a grid, degrees, under which an area has one direction, and the share of its
+    `unshadowed` flags that changes (`TURNED`).
+    """
     lowest_deg = min((deg for deg in suns_deg if deg > own_sun_deg), default=90.0)
-    return lowest_deg, turned_share(tolerance_deg, lowest_deg)
+    return lowest_deg, float(np.interp(lowest_deg, TURNED_DEG, TURNED)) * tolerance_deg / 0.5
 
 
 def of_a_build(

@@ -237,9 +237,9 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
                 (result.candidates.evaluation for result in results), pools, among, strict=True
             )
         ]
-        found["located_by_sun"] = planned_frames(
-            samples, sum(_ground_m2(level, k) for k in measured), _places(level).footprint_m, config
-        )
+        cells = sum(math.prod(level.jobs[k].task.window.shape) for k in measured)
+        ground_m2, footprint_m = cells * level.recipe.gsd_m**2, _places(level).footprint_m
+        found["located_by_sun"] = planned_frames(samples, ground_m2, footprint_m, config)
     if config.model.albedo_file is not None:
         found["albedo_worth"] = _albedo_worth(level, sample, results[0])
     return found
@@ -303,11 +303,6 @@ def _share_among_others(level: Level, index: int, distance_m: float) -> float:
     spacing = EDGE_SPACINGS * distance_m / level.recipe.gsd_m
     sides = level.jobs[index].task.window.shape
     return math.prod(side / (side + spacing) for side in sides)
-
-
-def _ground_m2(level: Level, index: int) -> float:
-    """Ground of an area, square metres."""
-    return math.prod(level.jobs[index].task.window.shape) * level.recipe.gsd_m**2
 
 
 def _places(level: Level) -> PromisedPlaces:

@@ -386,10 +386,10 @@ class _Merge:
     def head(self) -> Catalog:
         """The catalogue without points and coverage."""
         all_, none = self.catalogs, np.zeros(0, np.int64)
-        overview = self.maps.overview()
+        overview, digests = self.maps.overview(), ", ".join(one.digest for one in self.inputs)
         return dataclasses.replace(
             self._widest.take(none, none),
-            history=_history([one.digest for one in self.inputs]),
+            history=f"merge of {len(self.inputs)} catalogues with the content_sha256 {digests}",
             title=_shared([one.title for one in all_], Catalog.title),
             product_version=_shared([one.product_version for one in all_], Catalog.product_version),
             software_version=Catalog.software_version,
@@ -505,11 +505,6 @@ def _require_compatible(first: _Input, other: _Input) -> None:
         if a != b:
             text = f"{name} is {_short(b)}, not {_short(a)} as in {first.path}"
             raise CatalogError(f"{other.path}: cannot be merged: {text}")
-
-
-def _history(digests: Sequence[str]) -> str:
-    """What a merged catalogue was made from."""
-    return f"merge of {len(digests)} catalogues with the content_sha256 {', '.join(digests)}"
 
 
 def _short(value: Any) -> str:

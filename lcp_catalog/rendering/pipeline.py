@@ -263,7 +263,8 @@ def prepare_terrain(request: Request) -> HeightfieldScene:
         choice=choice,
         albedo=_albedo_decision(request.albedo, terrain),
         sphere_may_do=request.surface == "auto"
-        and _sun_alone(light)
+        and light.sky is None
+        and not light.others  # for a single source alone the bounds of the plain sphere hold
         and not request.backdrop
         and not isinstance(view, ScannerView),
         words=decisions.LightWords.of(light),
@@ -348,11 +349,6 @@ def _prepare_sphere(request: Request) -> SphereScene:
     scene = prepare_sphere(request)
     others = (*scene.plan.others, *_of_light(request, scene.light, scene.view))
     return replace(scene, plan=replace(scene.plan, others=others))
-
-
-def _sun_alone(light: Lighting) -> bool:
-    """True for a single source; only then do the bounds of the plain sphere hold."""
-    return light.sky is None and not light.others
 
 
 @timed(decisions.SCATTERED)

@@ -181,7 +181,7 @@ def _mistake(sensor: Sensor, dems: DemSet) -> str:
         except CameraError:
             return False
 
-    mistake = likely_mistake(sensor, sees) if isinstance(sensor, Camera) else ""
+    mistake = likely_mistake(sensor, sees)
     return f"; {mistake}" if mistake else ""
 
 

@@ -18,7 +18,7 @@ from ..accuracy import TIERS, Accuracy
 from ..arrays import Array
 from ..cameras.frame_camera import Camera
 from ..cameras.scanners import Scanner
-from ..cameras.view import finest_pixel_m, sensor_view
+from ..cameras.view import finest_pixel_m
 from ..catalog.catalogue import Catalog
 from ..catalog.comparison import CatalogOrPath, opened_catalog
 from ..catalog.patch_terrain import patch_terrain
@@ -29,7 +29,6 @@ from ..light.solar_disc import SolarDisc, radius_at
 from ..light.sources import Lighting
 from ..light.sun_choice import SunChoice
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
-from ..rendering.plan import plan_scene
 from ..rendering.renderer import Method, render_camera
 from ..terrain.heightfield import Heightfield
 from ..terrain.relief_bounds import nodes_enu
@@ -162,23 +161,8 @@ class PatchSurface:
     def _rendered(self, patch: PatchTerrain, camera: Camera | Scanner) -> tuple[Array, Array]:
         """Radiance factor and range of one patch; NaN and inf where it is not seen."""
         terrain = patch.terrain
-        light = self._light(terrain.frame)
-        view = sensor_view(camera, terrain.frame)
-        plan = plan_scene(
-            terrain,
-            light.first.direction.vector,
-            view,
-            in_camera_plane=True,
-            accuracy=self.accuracy,
-            disc=light.first.disc is not None,
-            model=self._law,
-        )
-        shot = render_camera(
-            terrain,
-            camera,
-            light,
-            Method(model=self._law, accuracy=self.accuracy, plan=plan, albedo=patch.albedo),
-        )
+        how = Method(model=self._law, accuracy=self.accuracy, albedo=patch.albedo)
+        shot = render_camera(terrain, camera, self._light(terrain.frame), how)
         assert shot.position_mcmf_m is not None
         origin, _ = camera.rays_enu(terrain.frame)
         from_m = origin if isinstance(camera, Camera) else origin[:, None]

@@ -335,20 +335,19 @@ class Heightfield:
         surface.normals(self.z_m, self.gsd_m, row0, col0, out)
         return out
 
+    def _places(self, x_m: ArrayLike, y_m: ArrayLike) -> tuple[tuple[int, ...], Array, Array]:
+        """Common shape of ENU x, y, metres, and their `uv`, flat."""
+        x, y = (np.asarray(a, dtype=np.float64) for a in np.broadcast_arrays(x_m, y_m))
+        return x.shape, *self.uv(x.ravel(), y.ravel())
+
     def heights_at(self, x_m: ArrayLike, y_m: ArrayLike) -> Array:
         """Height of the triangulated surface at ENU x, y (any shape), metres; NaN off the surface."""
-        x, y = np.broadcast_arrays(
-            np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
-        )
-        u, v = self.uv(x.ravel(), y.ravel())
-        return np.asarray(surface.heights_at(self.z_m, u, v)).reshape(x.shape)
+        shape, u, v = self._places(x_m, y_m)
+        return np.asarray(surface.heights_at(self.z_m, u, v)).reshape(shape)
 
     def normals_at(self, x_m: ArrayLike, y_m: ArrayLike) -> Array:
         """Unit normals (..., 3) at ENU x, y: those of the triangle's three nodes, interpolated and
         normalised.
         """
-        x, y = np.broadcast_arrays(
-            np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
-        )
-        u, v = self.uv(x.ravel(), y.ravel())
-        return np.asarray(surface.normals_at(self.z_m, self.gsd_m, u, v)).reshape(*x.shape, 3)
+        shape, u, v = self._places(x_m, y_m)
+        return np.asarray(surface.normals_at(self.z_m, self.gsd_m, u, v)).reshape(*shape, 3)

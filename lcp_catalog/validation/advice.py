@@ -216,7 +216,7 @@ def _camera(catalog: Catalog, sensor: Sensor, uncertainty: Uncertainty, sigmas: 
     def sees(camera: Camera) -> bool:
         return len(perhaps_in_view(catalog, camera, uncertainty, sigmas)) > 0
 
-    mistake = likely_mistake(sensor, sees) if isinstance(sensor, Camera) else ""
+    mistake = likely_mistake(sensor, sees)
     return f"; {mistake}" if mistake else ""
 
 

@@ -202,6 +202,7 @@ def score(claims: Claims) -> Scores:
     reliability = bins(p, found)
     squared = claims.squared_error[use & claims.usable & claims.found]
     squared = squared[np.isfinite(squared)]
+    median = float(np.median(squared)) if len(squared) else math.nan
     return Scores(
         count=int(use.sum()),
         unclaimed=int((~claims.claimed).sum()),
@@ -216,7 +217,7 @@ def score(claims: Claims) -> Scores:
         usable_of_found=_mean(usable[found]),
         errors=len(squared),
         normalised_squared_error=_mean(squared) / 2.0,
-        normalised_squared_error_median=_median(squared) / (2.0 * math.log(2.0)),
+        normalised_squared_error_median=median / (2.0 * math.log(2.0)),
         reliability=reliability,
         reason=claims.reason,
     )
@@ -263,10 +264,6 @@ def _calibration_error(reliability: Sequence[Bin]) -> float:
     total = sum(b.count for b in filled)
     off = sum(b.count * abs(b.predicted - b.observed) for b in filled)
     return off / total if total else math.nan
-
-
-def _median(values: Array) -> float:
-    return float(np.median(values)) if len(values) else math.nan
 
 
 def _mean(values: Array | Mask) -> float:
