@@ -11,11 +11,11 @@ from ..choices import MOON_MAP, NO_MAP
 
 FILE = Path(__file__).with_name("moon_albedo_643nm_11ppd.tif")
 
-MEAN = 0.041537
+MEAN = 0.041532
 """Mean of its values by area (`albedo_map.mean_value`), so that a build need not read every pixel."""
 
 ORIGIN = {
-    "version": "1, of NASA's CGI Moon Kit (svs.gsfc.nasa.gov/4720)",
+    "version": "2, of NASA's CGI Moon Kit (svs.gsfc.nasa.gov/4720)",
     "licence": "free to use; credit: NASA's Scientific Visualization Studio",
 }
 
