@@ -83,6 +83,13 @@ def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:
     assert [r["accuracy"] for r in front(rows)] == ["draft", "high"]
 
 
+def test_the_name_of_a_tier_at_the_greatest_error_is_not_cut() -> None:
+    svg = str(pareto([row("draft", 3.0, 1e-3), row("standard", 4.0, 1e-4), row("reference", 10.0)]))
+    (top,) = map(float, re.findall(r'viewBox="\S+ (\S+) ', svg))
+    (baseline,) = map(float, re.findall(r'y="(\S+)">draft</text>', svg))
+    assert baseline - 14.0 >= top  # the height of its letters
+
+
 def test_an_alternative_whose_saving_is_not_certain_is_not_on_the_front() -> None:
     def alternative(knob: str, time: float, to: float, changed: float) -> dict[str, Any]:
         around = {"seconds_relative": time, "seconds_interval": [time, to]}
