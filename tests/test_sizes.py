@@ -132,6 +132,8 @@ def test_a_class_name_means_one_class() -> None:
         ("# a comment\n\nx = 1\n", 1),
         ("x = (\n    1,\n    2,\n)\n", 4),
         ('def f():\n    """Nothing."""\n    return "text"\n', 2),
+        ('x = """a\n\n# b\n"""\n', 4),
+        ('x = (\n    "a"\n    # why\n\n    f"{b}"\n)\n', 4),
     ],
 )
 def test_lines_of_code_are_without_texts_and_comments(
