@@ -37,6 +37,15 @@ def located_by(claims: np.ndarray, chance: float) -> float:
     return float(at_least_found(claims)[k]) if k <= len(claims) else 0.0
 
 
+def test_chances_beyond_their_range_count_as_its_ends() -> None:
+    """A chance of 0 is the least that counts, one above 1 says nothing; a list of 0 and 1 says who agrees."""
+    chances, agrees = [0.0, 1e-2, 1e-3, 1e-2, 3.0], [1, 1, 1, 1, 0]
+    least = [1e-300, 1e-2, 1e-3, 1e-2, 1.0]
+    found = log10_false_alarms(chances, agrees, 3)
+    assert found == log10_false_alarms(least, np.array(agrees, bool), 3)
+    assert -300.0 < found < log10_false_alarms(chances, [0, 1, 1, 1, 1], 3)
+
+
 @pytest.mark.parametrize("count", [8, 12, 40])
 @pytest.mark.parametrize("probability", [0.2, 0.6, 0.97])
 def test_equal_points_are_as_points_with_claims(count: int, probability: float) -> None:

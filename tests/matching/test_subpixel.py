@@ -27,6 +27,21 @@ def test_the_summit_of_a_quadratic_is_exact(summit):
     assert height[0] == bowl(4, summit).max() <= 5.0
 
 
+@pytest.mark.parametrize("summit", [(-1.2, 0.9), (1.1, -1.3), (0.8, 1.2)])
+def test_a_summit_beside_the_tables_edge_is_exact_however_flat(summit):
+    """The highest value is the last but one of the table; scores are correlations, whose curvature is slight."""
+    column, row, height = peaks(0.1 * bowl(2, summit))
+    assert (column[0], row[0]) == pytest.approx(summit, abs=1e-9)
+    assert height[0] == 0.1 * bowl(2, summit).max()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_summit_more_than_a_step_from_the_highest_of_a_slanted_ridge_is_none(turned):
+    scores = bowl(2, (0.4, 1.1), (-1.0, -0.2, 0.723))
+    column, row, _ = peaks(scores.swapaxes(0, 1) if turned else scores)
+    assert (column[0], row[0]) == (0.0, 0.0)
+
+
 @pytest.mark.parametrize("edge", [(-3.0, 0.0), (3.0, 0.0), (0.0, -3.0), (0.0, 3.0), (3.0, 3.0), (-4.0, 1.0)])  # fmt: skip
 def test_a_peak_at_the_tables_edge_is_no_place(edge):
     column, row, height = peaks(bowl(3, edge))
@@ -81,6 +96,41 @@ def test_a_whole_shift_takes_cells_as_they_are():
     wanted = np.roll(image, (-1, 2), (0, 1))
     np.testing.assert_allclose(back[sure], wanted[sure], atol=1e-12)
     np.testing.assert_allclose(left[sure], np.roll(weight, (-1, 2), (0, 1))[sure], atol=1e-12)
+
+
+def keys(away):
+    """The kernel of cubic convolution by the distance of a value (Keys 1981, eq. 15, a = -1/2)."""
+    s = abs(away)
+    if s <= 1.0:
+        return 1.5 * s**3 - 2.5 * s**2 + 1.0
+    return -0.5 * s**3 + 2.5 * s**2 - 4.0 * s + 2.0 if s < 2.0 else 0.0
+
+
+@pytest.mark.parametrize("shift", [(0.3, -1.6), (-2.25, 0.75), (0.5, -0.5), (-0.9, -0.1)])
+def test_a_shift_by_parts_of_cells_is_undone_by_cubic_convolution(shift):
+    """Against the sum over all values by their distances, the image extended by its border values. Weights are linear between
+    cells; a missing cell, of the weight 0, spoils all that it has a part in. What lies more than half a cell outside weighs
+    nothing.
+    """
+    rng = np.random.default_rng(6)
+    image, weight = rng.normal(size=(13, 15)), rng.uniform(0.2, 1.0, (13, 15))
+    image[6, 7], weight[6, 7] = 1e6, 0.0
+    back, left = undone(image, weight, shift)
+    wide, heavy = np.pad(image, 3, "edge"), np.pad(weight, 3, "edge")
+    for place in np.ndindex(image.shape):
+        at = np.array(place) + shift[::-1]
+        if (at < -0.5).any() or (at > np.array(image.shape) - 0.5).any():
+            assert left[place] == 0.0
+            continue
+        away = [at[axis] - np.arange(-3, n + 3) for axis, n in enumerate(image.shape)]
+        rows, columns = (np.array([keys(one) for one in some]) for some in away)
+        if rows[9] and columns[10]:
+            assert left[place] == 0.0
+            continue
+        assert back[place] == pytest.approx(rows @ wide @ columns, abs=1e-8)
+        rows, columns = (np.maximum(0.0, 1.0 - np.abs(some)) for some in away)
+        assert left[place] == pytest.approx(rows @ heavy @ columns, abs=1e-12)
+    assert (left > 0.0).sum() > 100
 
 
 # -- windows
