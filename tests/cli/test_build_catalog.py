@@ -255,9 +255,13 @@ def test_list_parts_names_missing_areas(
 
 
 def test_messages_are_json_lines(
-    tmp_path: Path, config: str, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    config: str,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of a whole build: progress and the result."""
+    """Of a whole build: progress and the result. How often a slow machine tells it is tested with `progress`."""
+    monkeypatch.setattr("lcp_cli.progress._EVERY_S", {False: 600.0, True: 600.0})
     small = [DEM, "-o", str(tmp_path / "x.h5"), "--config", config, "--center", "3.5", "26"]
     assert (
         run(["build-catalog", *small, "--size", "12", "--jobs", "1", "--log-format", "json"]) == 0
