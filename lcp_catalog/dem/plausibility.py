@@ -99,23 +99,28 @@ def refuse_zeros(dems: DemSet, box: Bounds, side: int) -> None:
     for dem in dems.dems:
         if not dem.grid.bounds.meets(box) or any(z.any() for z, *_ in sample_windows(dem, side)):
             continue
-        far = url_of(dem.path) is not None
+        url = url_of(dem.path)
         row0, row1, col0, col1 = (
-            _in_box(dem, box) if far else (0, dem.grid.height, 0, dem.grid.width)
+            _in_box(dem, box) if url else (0, dem.grid.height, 0, dem.grid.width)
         )
         blocks = (dem.read(row, min(row + 64, row1), col0, col1) for row in range(row0, row1, 64))
         if not any(block.any() for block in blocks):
-            raise DemError(f"{dem.path}: {_SEEN_ZERO if far else ALL_ZERO}")
+            raise DemError(f"{url or dem.path}: {_SEEN_ZERO if url else ALL_ZERO}")
 
 
 def _in_box(dem: Dem, box: Bounds) -> tuple[int, int, int, int]:
-    """First row and column, and those after the last, of a file's pixels in a box, by a lattice of places."""
-    lon, lat = np.linspace(box.west, box.east, 65), np.linspace(box.south, box.north, 65)
+    """First row and column, and those after the last, of a file's pixels in a box that meets it, by a lattice of places."""
+    both = box.common(dem.grid.bounds) or dem.grid.bounds
+    lon, lat = np.linspace(both.west, both.east, 65), np.linspace(both.south, both.north, 65)
     inside, *pixel = dem.grid.located(*np.meshgrid(lon, lat))
-    col, row = (np.rint(values[inside]).astype(int) for values in pixel)
-    if not len(col):
-        return 0, 0, 0, 0
-    return int(row.min()), int(row.max()) + 1, int(col.min()), int(col.max()) + 1
+    if not inside.any():
+        return 0, dem.grid.height, 0, dem.grid.width
+    ends = []
+    for at, size in zip(pixel[::-1], (dem.grid.height, dem.grid.width), strict=True):
+        beside = 1.0 + np.ptp(at[inside]) / 32.0  # more than from place to place
+        low, high = at[inside].min() - beside, at[inside].max() + beside
+        ends += [max(0, math.floor(low)), min(size, math.ceil(high) + 1)]
+    return ends[0], ends[1], ends[2], ends[3]
 
 
 def warn_of_all_heights(dem: Dem, found: HeightStatistics | None) -> None:

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
+from helpers.bare_files import NORTH
 from helpers.products import DEGREE_M, geotiff
 from helpers.range_server import range_server
 from helpers.small_build import CONFIG, DEM
 from lcp_cli.main import run
 from rasterio.windows import Window
 
+from lcp_catalog.dem import plausibility
 from lcp_catalog.dem.file_check import check_dem
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.dem.plausibility import refuse_zeros, warn_of_doubts
 from lcp_catalog.errors import DemError
+from lcp_catalog.geometry.bounds import Bounds
 from lcp_catalog.production.run import Build
 from lcp_catalog.terrain.area import Area
 
@@ -162,6 +166,46 @@ def test_zeros_on_a_server_are_refused_by_windows_and_the_region(
         ):
             refuse_zeros(dems, region, 64)
         assert sum(count for *_, count in served.asked) < 0.6 * path.stat().st_size
+
+
+@pytest.mark.parametrize("crs", [None, NORTH.format(lon=0)])
+def test_all_pixels_in_a_box_are_looked_at(crs: str | None, tmp_path: Path) -> None:
+    """And hardly others, for boxes of all sizes, also beyond the file; by the places of all pixels."""
+    how = {} if crs is None else {"crs": crs}
+    path = geotiff(tmp_path / "zero.tif", np.zeros((800, 800), np.float32), 1e5, 8e5, 118.0, **how)
+    dem = DemSet.open([path]).dems[0]
+    lon, lat = dem.grid.lonlat(*np.indices((800, 800))[::-1])
+    size, rng = dem.grid.bounds, np.random.default_rng(5)
+    for _ in range(40):
+        west, east = np.sort(rng.uniform(size.west - 0.1, size.east + 0.1, 2))
+        south, north = np.sort(rng.uniform(size.south - 0.1, size.north + 0.1, 2))
+        row, col = np.nonzero((lon >= west) & (lon <= east) & (lat >= south) & (lat <= north))
+        row0, row1, col0, col1 = plausibility._in_box(dem, Bounds(west, south, east, north))
+        assert 0 <= row0 <= row1 <= 800
+        assert 0 <= col0 <= col1 <= 800
+        if len(row):
+            assert row0 <= row.min()
+            assert row.max() < row1 <= row.max() + 60
+            assert col0 <= col.min()
+            assert col.max() < col1 <= col.max() + 60
+
+
+@pytest.mark.parametrize("filled", [None, (100, 190), (790, 800)])
+def test_a_whole_file_on_a_server_is_read_to_its_edges(
+    filled: tuple[int, int] | None, tmp_path: Path
+) -> None:
+    """The region is the file, whose first and last rows lie beside the lattice of places; the line names its URL."""
+    zeros = np.zeros((800, 800), np.float32)
+    if filled:
+        zeros[slice(*filled)] = 5.0
+    written(tmp_path / "zero.tif", zeros)
+    with range_server(tmp_path) as served:
+        dems = DemSet.open([Path(f"{served.url}/zero.tif")])
+        if filled:
+            refuse_zeros(dems, dems.bounds, 8)
+            return
+        with pytest.raises(DemError, match=re.escape(f"{served.url}/zero.tif: every pixel that")):
+            refuse_zeros(dems, dems.bounds, 8)
 
 
 @pytest.mark.parametrize("more", [[], ["--plan"]])
