@@ -440,7 +440,7 @@ def _print_plan(build: Build, run: Run, as_json: bool) -> None:
 
 
 def _by_sun(document: dict[str, Any]) -> Iterator[str]:
-    """What is expected of the points, by the Sun's elevation."""
+    """What is expected of the points, by the Sun's elevation, and of the promise."""
     if worth := document.get("albedo_worth"):
         told = "; ".join(
             f"{one['sun_elevation']:g} deg {one['usable']:g} ({one['without']:g})" for one in worth
@@ -451,9 +451,9 @@ def _by_sun(document: dict[str, Any]) -> Iterator[str]:
             f"{one['sun_elevation']:g} deg {one['by_points']:.2f}, {one['with_ground']:.2f}"
             for one in frames
         )
-        if (kept := document.get("promise_kept")) is not None:
-            told += f"; of the promise for all Suns between, roughly {100.0 * kept:.0f} % is kept"
         yield f"about how probably a frame of the footprint is located, by points, with the ground: {told}"
+    if (kept := document.get("promise_kept")) is not None:
+        yield f"of the promise for all places, views and Suns, also between those evaluated, roughly {100.0 * kept:.0f} % is kept"
 
 
 def _name_switches(decisions: list[dict[str, Any]]) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import refusal
+from lcp_cli import build_catalog
 from lcp_cli.main import run
 
 from lcp_catalog.catalog.verification import verify
@@ -187,13 +188,15 @@ def test_a_camera_that_sees_other_ground(
     assert "the camera sees longitude" in capsys.readouterr().err
 
 
-def test_plan_is_six_lines(tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without an albedo map five, with own Suns for all four. The decisions are shown with -v, also after the command."""
+def test_plan_is_seven_lines(
+    tmp_path: Path, config: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without an albedo map six, with own Suns for all five. The decisions are shown with -v, also after the command."""
     small = ["build-catalog", DEM, "--config", config, "--size", "12", "--plan"]
     small += ["--center", "3.5", "26"]
     assert run(small) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 6
+    assert len(lines) == 7
     assert re.match(r"1 area x 4 Suns x 1 view, [\d,]+ cells rendered$", lines[0])
     assert re.match(r"\d+ s with --jobs 1$", lines[1])
     assert re.match(
@@ -204,12 +207,14 @@ def test_plan_is_six_lines(tmp_path: Path, config: str, capsys: pytest.CaptureFi
     assert re.match(turned, lines[3])
     assert re.match(worth, lines[4])
     assert re.match(
-        r"about how probably a frame .* is located, .*: 10 deg [\d.]+, [\d.]+; 30 deg .*; of the promise for all Suns "
-        r"between, roughly \d+ % is kept$",
-        lines[5],
+        r"about how probably a frame .* is located, .*: 10 deg [\d.]+, [\d.]+; 30 deg ", lines[5]
     )
+    kept = r"of the promise for all places, views and Suns, also between .*, roughly \d+ % is kept$"
+    assert re.match(kept, lines[6])
     assert run([*small, "--albedo", "none", "--accuracy", "high"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == 4
+    assert len(capsys.readouterr().out.splitlines()) == 5
+    (alone,) = build_catalog._by_sun({"promise_kept": 0.3})  # of usable points
+    assert re.match(kept, alone)
     for words in (["-v", *small], [*small, "-v"]):
         assert run(words) == 0
         assert "cast shadows" in capsys.readouterr().out
