@@ -94,7 +94,7 @@ def knob_cells(rows: list[Row]) -> tuple[list[str], list[list[str]]]:
 def knobs_said(trade: Trade) -> list[str]:
     """What was measured, and what to take for the budget, in sentences."""
     left = len(trade.not_measured.keys() - {one.name for one in APPROXIMATIONS})
-    said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured{f', {left} not (below)' * bool(left)}."
+    said = f"{len(trade.rows) - 1} alternative{'s' * (len(trade.rows) != 2)} measured{f', {left} not measured (listed below)' * bool(left)}."
     return [said, *best_said(trade)]
 
 

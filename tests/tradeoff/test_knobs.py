@@ -261,7 +261,10 @@ def test_what_is_not_measured_is_named(
     names = [*late.not_measured]  # what there was no time for is named before what has no switch
     assert names.index("same, same") < min(names.index(name) for name in unpriced)
     count = len(names) - len(unpriced)
-    assert knob_table.knobs_said(late)[0] == f"0 alternatives measured, {count} not (below)."
+    assert (
+        knob_table.knobs_said(late)[0]
+        == f"0 alternatives measured, {count} not measured (listed below)."
+    )
     assert late.rows[0]["interval"] is None  # one area
 
 
