@@ -211,6 +211,18 @@ def locate(
         )
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
     area = area.only(np.isin(area.points, searched_in(catalog, area.points, image)))
+    return fix_in_area(catalog, image, uncertainty, law, options, area)
+
+
+def fix_in_area(
+    catalog: Catalog,
+    image: Image,
+    uncertainty: Uncertainty,
+    law: Reflectance,
+    options: Options,
+    area: SearchArea,
+) -> Fix:
+    """As `locate`, by the points of an area, which are of one scale of the image (`point_choice.searched_in`)."""
     working = working_image(catalog, image, area.points)
     levels = frozenset(np.asarray(catalog.level)[area.points].tolist())
     search = _FixSearch(catalog, image, working, uncertainty, law, options, levels)

@@ -45,7 +45,7 @@ from ..matching.position_fix import (
     SEARCHED,
     Fix,
     Options,
-    locate,
+    fix_in_area,
 )
 from ..matching.search_area import perhaps_in_view
 from ..navigation.better_catalog import better_catalog
@@ -306,7 +306,9 @@ def _searched(
     """
 
     def place(catalog: Catalog, image: Image) -> Fix:
-        return locate(catalog, image, request.uncertainty, request.law, options)
+        known = request.uncertainty
+        area = perhaps_in_view(catalog, image.sensor, known, options.sigmas)
+        return fix_in_area(catalog, image, known, request.law, options, area)
 
     def search(image: Image) -> _EncodedSearch:
         catalog = _perhaps_seen(request, whole, image, options)
