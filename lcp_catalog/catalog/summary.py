@@ -11,13 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from ..accuracy import accuracy
 from ..arrays import AnyArray
 from ..constants import FRAME
-from ..errors import CatalogError
+from ..errors import CatalogError, LcpError
 from ..geometry.bounds import enclosing_arc, turned_deg
 from ..plots.numbers import number
 from .catalogue import Catalog
 from .integrity import NOT_READ
+from .origins import origins
 from .promise import kept_promise, promise_rows
 from .schema import COVERAGE_STATUS, LEVEL_FACTORS, OLD_FILE, SCHEMA_VERSION, evaluated, usable
 from .stored import StoredFile, sharded, stored_catalog
@@ -140,6 +142,7 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "usable_share": _plain(statistics.share),
         "universal_points": int(catalog.universal.sum()),
         "min_detection": catalog.min_detection,
+        **_accuracy(catalog.config),
         "schema_version": SCHEMA_VERSION,
         "frame": FRAME,
         "software": f"lcp-catalog {catalog.software_version}",
@@ -211,6 +214,21 @@ def _albedo(catalog: Catalog) -> dict[str, Any] | None:
         ranges += _range(albedo[np.isfinite(albedo)]) or []
         off += int(np.isnan(albedo).any(axis=(1, 2)).sum())
     return catalog.albedo_map | {"range": _range(np.array(ranges)), "points_off_the_map": off}
+
+
+def _accuracy(config: str) -> dict[str, Any]:
+    """Names of the tiers of a catalogue's builds, and whether all of these sought similar places at full resolution everywhere,
+    from its configuration; none and False where that does not say.
+    """
+    try:
+        models = [one.config.get("model", {}) for one in origins(config)]
+        tiers = [accuracy(one.get("accuracy"), one.get("tolerance")) for one in models]
+    except (LcpError, AttributeError, TypeError, ValueError):
+        models = tiers = []
+    pairs = zip(models, tiers, strict=True)
+    whole = [one.get("whole_search", tier.whole_search) for one, tier in pairs]
+    names = sorted({tier.tier for tier in tiers})
+    return {"accuracy": names, "whole_search": bool(whole) and all(whole)}
 
 
 def _products(catalog: Catalog) -> Counter[str]:
@@ -340,6 +358,7 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
             f"1 sigma {_metres(found['elevation_sigma_m'])}, resolving {_metres(found['dem_resolution_m'])}",
         ),
         *_albedo_rows(found["albedo"]),
+        ("accuracy", ", ".join(found["accuracy"]) or "–"),
         ("frame", f"{found['frame']}, mean Earth"),
         ("Suns", _suns_line(found)),
         (
@@ -360,7 +379,9 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         if figures:
             low, middle, high = (number(figures[p]) for p in ("p05", "median", "p95"))
             text = f"{middle}{unit} in the median, 5..95 %: {low} to {high}{unit}"
-            rows.append((name, text + _NOTES.get(key, "")))
+            if key == "second_peak" and not found["whole_search"]:
+                text += "; it may be higher: similar places were sought at half resolution first"
+            rows.append((name, text))
     rows.append(
         ("cells", ", ".join(f"{name} {count}" for name, count in found["coverage"].items()))
     )
@@ -369,9 +390,6 @@ def summary_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("map levels", f"overview and coverage in cells {factors} times as wide"))
     rows += promise_rows(found["promise"])
     return rows
-
-
-_NOTES = {"second_peak": "; it may be higher where the tier is draft or standard"}
 
 
 def _level_rows(levels: list[dict[str, Any]]) -> list[tuple[str, str]]:

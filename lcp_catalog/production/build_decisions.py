@@ -49,6 +49,17 @@ def turned_flags(
     return lowest_deg, float(np.interp(lowest_deg, TURNED_DEG, TURNED)) * tolerance_deg / 0.5
 
 
+def turned_text(tolerance_deg: float, own_sun_deg: float, suns_deg: Sequence[float]) -> str:
+    """`turned_flags` in words; empty for a share that rounds to nothing."""
+    others_deg, share = turned_flags(tolerance_deg, own_sun_deg, suns_deg)
+    if share <= 0.0005:
+        return ""
+    return (
+        f"about {100.0 * share:.1f} % of the unshadowed flags at {others_deg:g} deg of Sun are others than under the points' "
+        f"own Suns ({_measured(others_deg)})"
+    )
+
+
 def of_a_build(
     direction_tolerance_deg: float, own_sun_deg: float, suns_deg: Sequence[float]
 ) -> tuple[Decision, ...]:
@@ -63,12 +74,9 @@ def of_a_build(
             "unshadowed flag is another than under it (measured)"
         )
     tolerance_deg = direction_tolerance_deg
-    others_deg, share = turned_flags(tolerance_deg, own_sun_deg, suns_deg)
-    if share > 0.0005:
-        turned += (
-            f"; about {100.0 * share:.1f} % of the unshadowed flags at {others_deg:g} deg of Sun are others than under the points' "
-            f"own Suns ({_measured(others_deg)})"
-        )
+    _, share = turned_flags(tolerance_deg, own_sun_deg, suns_deg)
+    if text := turned_text(tolerance_deg, own_sun_deg, suns_deg):
+        turned += f"; {text}"
     if share > TURNED_MOST:
         most = TURNED_MOST * 0.5 / tolerance_deg
         enough = math.ceil(np.interp(most, TURNED[::-1], TURNED_DEG[::-1]))

@@ -38,6 +38,7 @@ from ..threads import limit_threads
 from .area_job import FIRST, AreaJob, run_area
 from .areas import AreaTask, reached
 from .assembly import Assembly
+from .build_decisions import turned_text
 from .camera_views import Seen, for_images
 from .checkpoints import Checkpoints, fingerprint
 from .code_facts import code_facts
@@ -444,6 +445,11 @@ class BuildRun:
             if limit_s is None:
                 limit_s = min(TRY_S, spent_s or TRY_S)
             Trial(self.build, self._small, limit_s, spent_s).warn(self.output)
+            config = self.build.recipe.config
+            model, exact = config.model, config.model.precision
+            suns_deg, own_deg = config.sun.elevations_deg, exact.own_sun_deg
+            if text := turned_text(model.direction_tolerance_deg, own_deg, suns_deg):
+                log.info("%s: accuracy %s: %s", self.output, exact.tier, text)
         areas = len(self.build.jobs) - len(failed)
         return BuildReport(points, areas, failed, tuple(self.build.files))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,44 @@ def test_a_bad_file_is_described(tmp_path: Path) -> None:
     assert described["intact"] is False
     assert len(described["problems"]) == 1
     assert described["points"] is None
+
+
+MERGED = """[[merged]]
+name = "a.h5"
+content_sha256 = "0"
+points = 3
+[merged.config.model]
+accuracy = "high"
+[[merged]]
+name = "b.h5"
+content_sha256 = "1"
+points = 2
+[merged.config.model]
+tolerance = 0.01
+"""
+
+
+@pytest.mark.parametrize(
+    ("config", "tiers", "half"),
+    [
+        ("[model]\nring_max_km = 20.0\n", "standard", True),
+        ('[model]\naccuracy = "draft"\n', "draft", True),
+        ("[model]\ntolerance = 0.0\n", "reference", False),
+        ('[model]\naccuracy = "high"\n', "high", False),
+        ('[model]\naccuracy = "high"\nwhole_search = false\n', "high", True),
+        ("[model]\nwhole_search = true\n", "standard", False),
+        (MERGED, "draft, high", True),
+        ('[model]\naccuracy = "best"\n', "–", True),
+        ("model = 3\n", "–", True),
+    ],
+)
+def test_the_tier_is_named_and_what_it_does_to_second_peaks(
+    config: str, tiers: str, half: bool
+) -> None:
+    found = dataclasses.replace(catalogs.catalog(5), config=config)
+    rows = dict(summary.summary_rows(summary.summary(found)))
+    assert rows["accuracy"] == tiers
+    assert ("half resolution" in rows["second peak"]) == half
 
 
 @pytest.mark.parametrize(
