@@ -468,32 +468,32 @@ def test_a_dem_is_no_image(place, tmp_path, capsys) -> None:
 
 
 @pytest.fixture(scope="module")
-def under_a_panorama(place):
-    """A frame of the same place under a lamp and a bright sky in the north, and the panorama."""
+def panorama(place):
+    """A lamp and a bright sky in the north."""
     lamp = room(60, [Lamp(100.0, 30.0, 1.0)], ambient=0.02)
     light = lamp.luminance.copy()
     light[15:30, 40:80] += 0.3
-    panorama = place / "lamp.hdr"
-    cv2.imwrite(str(panorama), np.repeat(light.astype(np.float32)[:, :, None], 3, axis=2))
-    taken = ["simulate", str(DEM), "--camera", str(place / "true.json"), "--samples", "1"]
-    how = ["--environment", str(panorama), "--accuracy", "draft", "-o", str(place / "lamps.png")]
-    assert run([*taken, *how]) == 0
-    return panorama
+    path = place / "lamp.hdr"
+    cv2.imwrite(str(path), np.repeat(light.astype(np.float32)[:, :, None], 3, axis=2))
+    return path
 
 
 @pytest.mark.slow
-def test_a_frame_under_a_panorama(place, under_a_panorama):
-    """Windows agree with renders under the panorama, less with those under its strongest source."""
+def test_a_frame_under_a_panorama(place, panorama):
+    """Windows of a frame of the same place agree with renders under the panorama, less with those under its strongest source."""
+    taken = ["simulate", str(DEM), "--camera", str(place / "true.json"), "--samples", "1"]
+    lit = ["--environment", str(panorama), "--accuracy", "draft", "-o", str(place / "lamps.png")]
+    assert run([*taken, *lit]) == 0
     how = ["--camera", str(place / "lamps_camera.json"), "--dem", str(DEM), "--accuracy", "draft"]
     start = ["validate", str(place / "points.h5"), str(place / "lamps.png"), *how]
-    light = ["--environment", str(under_a_panorama), "--sun-sky-ratio", "found"]
+    light = ["--environment", str(panorama), "--sun-sky-ratio", "found"]
     assert run([*start, "-o", str(place / "lit"), *light, "--depfile", str(place / "lit.d")]) == 0
     assert run([*start, "-o", str(place / "unlit")]) in {0, 4}
     lit, unlit = (
         json.loads((place / name / "report.json").read_text()) for name in ("lit", "unlit")
     )
     assert lit["options"]["environment"] == "lamp.hdr"
-    assert str(under_a_panorama) in (place / "lit.d").read_text()
+    assert str(panorama) in (place / "lit.d").read_text()
     (lit,), (unlit,) = lit["images"], unlit["images"]
     assert lit["verdict"] == "located"
     assert lit["sun"]["from"] == "the middle of the panorama's light"
@@ -501,9 +501,9 @@ def test_a_frame_under_a_panorama(place, under_a_panorama):
     assert lit["windows"]["median"] > unlit["windows"]["median"] + 0.01
 
 
-def test_a_panorama_beside_a_sun(place, under_a_panorama, capsys):
+def test_a_panorama_beside_a_sun(place, panorama, capsys):
     files = ["validate", str(place / "points.h5"), str(place / "frame.png")]
-    start = [*files, "-o", str(place / "no"), "--environment", str(under_a_panorama)]
+    start = [*files, "-o", str(place / "no"), "--environment", str(panorama)]
     assert run([*start, "--sun-azimuth", "1", "--sun-elevation", "5"]) == 2
     assert "--environment replaces the Sun" in capsys.readouterr().err
     assert not (place / "no").exists()

@@ -110,7 +110,7 @@ REASONS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [250, pytest.param(600, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [150, pytest.param(600, marks=pytest.mark.slow)])
 def test_it_judges_as_python_does(count: int, decoded, reference) -> None:
     """Small and large templates beyond the image's edges and in gaps, low and high Suns, noise above the signal: the same
     reason, place, second peak and fit.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -22,8 +24,13 @@ def plan() -> Build:
 
 @pytest.fixture(scope="session")
 def built(plan: Build, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    output = tmp_path_factory.mktemp("build") / "small.h5"
-    BuildRun(plan, output).whole()
+    """Once for all workers of a parallel run, each of which has a copy."""
+    output, folder = tmp_path_factory.mktemp("build") / "small.h5", tmp_path_factory.getbasetemp()
+    shared = (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "small.h5"
+    if not shared.is_file():
+        BuildRun(plan, output).whole()
+        output.replace(shared)
+    shutil.copy(shared, output)
     return output
 
 

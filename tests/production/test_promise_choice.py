@@ -365,7 +365,7 @@ def test_every_location_has_a_place_within_the_reach(
     assert away_m.max() <= places.footprint_m / 2.0 - half_m - places.radius_m < 1.5 * away_m.max()
 
 
-@pytest.mark.parametrize(("size_km", "conditions"), [(60.0, 1320), (150.0, 26_400)])
+@pytest.mark.parametrize(("size_km", "conditions"), [(30.0, 1320), (150.0, 26_400)])
 def test_a_small_footprint_is_refused_with_the_least_that_works(
     size_km: float, conditions: int
 ) -> None:
