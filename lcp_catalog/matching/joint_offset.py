@@ -42,7 +42,7 @@ from .point_search import SearchImage
 from .pose import Pose, jacobian, solve
 from .search_area import CoarseShift, SearchArea, coarse_shift, correlation_maps, slack_px
 from .subpixel import peaks
-from .sun_check import SunCheck, check_sun
+from .sun_check import Search, SunCheck, check_sun
 
 SHOWS = -3.0
 """log10 of the number of false alarms from which on an image counts as one of another place."""
@@ -314,12 +314,18 @@ class _JointSearch:
         if len(rows) < FEWEST:
             return None
 
-        def search(moved: Image, law: Reflectance, some: Index, _: float) -> tuple[Array, Array]:
-            shift, z = _summit(self.z_maps(moved, rows[some], _SUN_PX, law))
-            return np.tanh(np.nan_to_num(z)), np.tile(self.factor * shift, (len(some), 1))
+        def search_in(catalog: Catalog, rows: Index) -> Search:
+            here = self if catalog is self.catalog else replace(self, catalog=catalog)
 
-        ground = self.catalog.position_mcmf[rows]
-        return check_sun(search, image, ground, self.model, self.share, TURNS_DEG)
+            def search(
+                moved: Image, law: Reflectance, some: Index, _: float
+            ) -> tuple[Array, Array]:
+                shift, z = _summit(here.z_maps(moved, rows[some], _SUN_PX, law))
+                return np.tanh(np.nan_to_num(z)), np.tile(self.factor * shift, (len(some), 1))
+
+            return search
+
+        return check_sun(search_in, self.catalog, rows, image, self.model, self.share)
 
 
 def _whole_middle(z: Array) -> NDArray[np.bool_]:

@@ -20,6 +20,9 @@ Sun is (`best_turn`): a smoother DEM lowers all three alike. A lower Sun bends t
 decoding: the vertex over the elevation is taken with the image's brightness to the power with which the points correlate best
 (`_Tried.bent`). A vertex farther away than that of a right Sun (`RAISE_LIMITS_DEG`) is named, and refuses nothing.
 
+Detail that an albedo map lacks can look like a turned Sun, by the same angle for all points (`map_detail`). Before an azimuth is
+refused, its sigma is raised by the turn that one sigma of such detail causes.
+
 Thirteen and more searches are half of the time of a frame, and mostly the stated Sun is right beyond
 doubt. So a navigator first takes a glance (`MatchedPoints.glance`): `_GLANCE_POINTS` points, without a search, from the places
 where they were found, under the same Suns and each of the laws. Only if that leaves a doubt under any
@@ -41,6 +44,7 @@ from ..ephemeris.solar_position import direction_from_angles
 from ..geometry.frames import Direction, EnuFrame, mcmf_to_lonlat
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
+from .map_detail import MapDetail
 from .point_choice import evenly
 from .point_search import Criteria, FoundPlaces, SearchImage
 
@@ -121,7 +125,7 @@ class SunCheck:
     law: str = ""  # of the renders, if not the law of the search
     least_doubt_px: float = 0.0  # doubt under the law of the search, if another decides
     best_turn_deg: float = 0.0  # turn from the stated azimuth to the best one, `best_turn`
-    best_turn_sigma_deg: float = math.inf
+    best_turn_sigma_deg: float = math.inf  # with that of the map's detail where it decides
     elevation_deg: float = math.nan  # of the stated Sun; NaN if others were tried than `TURNS_DEG`
     best_raise_deg: float = 0.0  # from the stated elevation to the best one, `best_turn`
     best_raise_sigma_deg: float = math.inf
@@ -259,20 +263,27 @@ class MatchedPoints:
         turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
     ) -> SunCheck:
         """`check_sun` by points that are searched one by one, each within ``reach_px`` of its match."""
-        known: dict[tuple[bytes, float], FoundPlaces] = {}
 
-        def search(
-            moved: Image, law: Reflectance, some: Index, power: float
-        ) -> tuple[Array, Array]:
-            key = some.tobytes()
-            if (key, 1.0) not in known:
-                known[key, 1.0] = self._found(some, reach_px)
-            if (key, power) not in known:
-                known[key, power] = known[key, 1.0].to_power(power)
-            return known[key, power].under(moved, law)
+        def search_in(catalog: Catalog, rows: Index) -> Search:
+            points = replace(self, catalog=catalog, rows=rows)
+            known: dict[tuple[bytes, float], FoundPlaces] = {}
 
-        ground, image = self.catalog.position_mcmf[self.rows], self.searched.source
-        return check_sun(search, image, ground, self.model, independent_share, turns_deg)
+            def search(
+                moved: Image, law: Reflectance, some: Index, power: float
+            ) -> tuple[Array, Array]:
+                key = some.tobytes()
+                if (key, 1.0) not in known:
+                    known[key, 1.0] = points._found(some, reach_px)
+                if (key, power) not in known:
+                    known[key, power] = known[key, 1.0].to_power(power)
+                return known[key, power].under(moved, law)
+
+            return search
+
+        image = self.searched.source
+        return check_sun(
+            search_in, self.catalog, self.rows, image, self.model, independent_share, turns_deg
+        )
 
     def glance(
         self, independent_share: Callable[[Index], float] = lambda _: 1.0
@@ -304,22 +315,23 @@ class MatchedPoints:
 
 
 def check_sun(
-    search: Search,
+    search_in: Callable[[Catalog, Index], Search],
+    catalog: Catalog,
+    points: Index,
     image: Image,
-    ground_mcmf_m: Array,
     model: Reflectance,
     independent_share: float = 1.0,
     turns_deg: tuple[tuple[float, float], ...] = TURNS_DEG,
 ) -> SunCheck:
-    """Correlations of n >= 1 points at ``ground_mcmf_m`` (n, 3) under the stated Sun of an image
+    """Correlations of n >= 1 ``points`` (rows of a catalogue) under the stated Sun of an image
     and under Suns moved by ``turns_deg``; rendered with ``model``, or with the one of `LAWS` that
     most points prefer to it.
 
-    ``independent_share``: number of points that share no terrain, as a share of n. At most 100
-    points, evenly chosen, are searched.
+    ``search_in``: gives the search for the n points at rows of a catalogue. ``independent_share``: number of points that share
+    no terrain, as a share of n. At most 100 points, evenly chosen, are searched.
     """
-    tried = _Tried(search, image, ground_mcmf_m, turns_deg)
-    rows = evenly(np.arange(len(ground_mcmf_m)), _MOST)
+    tried = _Tried(search_in(catalog, points), image, catalog.position_mcmf[points], turns_deg)
+    rows = evenly(np.arange(len(points)), _MOST)
     glance = rows[::_GLANCE]
     own, own_z = tried.check(model, rows, independent_share)
     best, most = own, 0.0
@@ -337,7 +349,18 @@ def check_sun(
     if turns_deg != TURNS_DEG:
         return best
     raised = tried.bent(model, glance).best_raise(model, rows, best.independent)
-    return replace(best, best_raise_deg=raised[0], best_raise_sigma_deg=raised[1])
+    best = replace(best, best_raise_deg=raised[0], best_raise_sigma_deg=raised[1])
+    if not best.turned or best.outdone:
+        return best
+    azimuth = math.radians(_sun_over(image, tried.ground_mcmf_m)[1].azimuth_deg)
+    if (detail := MapDetail.of(catalog, points, azimuth)) is None:
+        return best
+    law = reflectance_model(best.law) if best.law else model
+    altered = (search_in(detail.altered(s), np.arange(len(points))) for s in (-1.0, 1.0))
+    turns = [replace(tried, search=s).best_turn(law, rows, best.independent) for s in altered]
+    by_map = 0.5 * (turns[1] - turns[0])
+    sigma = math.hypot(best.best_turn_sigma_deg, by_map) if math.isfinite(by_map) else math.inf
+    return replace(best, best_turn_sigma_deg=sigma)
 
 
 def _most_gain(gain: Array, majority: float = 0.5) -> bool:
@@ -423,6 +446,12 @@ class _Tried:
             back, ahead = (np.array([mean_z(best + k) - mean_z(best)]) for k in (-1, 1))
             step = best_turn(back, ahead, 1.0, 1.0)[0]
         return replace(self, power=_POWER_STEP ** (best + step))
+
+    def best_turn(self, law: Reflectance, rows: Index, independent: float) -> float:
+        """Turn of the azimuth to the best one, degrees; NaN if there is none."""
+        z = fisher_z(self.under(law, rows, SIDEWAYS_DEG)[0])
+        turn, sigma = best_turn(z[1] - z[0], z[2] - z[0], TURNS_DEG[1][0], independent)
+        return turn if math.isfinite(sigma) else math.nan
 
     def best_raise(self, law: Reflectance, rows: Index, independent: float) -> tuple[float, float]:
         """Rise of the elevation to the best one, and its 1 sigma, degrees; infinite if there is none."""
