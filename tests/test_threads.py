@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -54,3 +56,23 @@ def test_opencv_follows_where_it_is_there_and_is_not_loaded_otherwise(monkeypatc
 def test_fewer_than_one_is_refused(count):
     with pytest.raises(ValueError, match="at least one"):
         limit_threads(count)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="GNU's OpenMP")
+@pytest.mark.parametrize(
+    ("given", "spins"),
+    [({}, 0), ({"GOMP_SPINCOUNT": "7"}, 7), ({"OMP_WAIT_POLICY": "active"}, 30_000_000_000)],
+)
+def test_threads_sleep_between_kernels_unless_the_environment_says_otherwise(given, spins):
+    """As OpenMP itself states its settings; what this process hands to others is unchanged."""
+    code = (
+        "import os, lcp_catalog.kernels.points, numba.np.ufunc.omppool;"
+        "print(os.environ.get('OMP_WAIT_POLICY'))"
+    )
+    plain = {k: v for k, v in os.environ.items() if k not in {"OMP_WAIT_POLICY", "GOMP_SPINCOUNT"}}
+    environment = {**plain, "OMP_DISPLAY_ENV": "verbose", **given}
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert f"GOMP_SPINCOUNT = '{spins}'" in ran.stderr
+    assert ran.stdout.strip() == str(given.get("OMP_WAIT_POLICY"))

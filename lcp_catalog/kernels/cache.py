@@ -34,12 +34,14 @@ from numba.misc.appdirs import AppDirs
 
 from .compilation import KernelCompiler, PartCompiler, only_parts
 from .cpu_level import level, target
+from .waiting import sleep_between_kernels
 
 log = logging.getLogger(__name__)
+sleep_between_kernels()
 
 _HERE = Path(__file__).parent
 
-_WITHOUT_CODE = {_HERE / "cache.py", _HERE / "entries.py"}
+_WITHOUT_CODE = {_HERE / name for name in ("cache.py", "entries.py", "waiting.py")}
 """Sources on which no compiled code depends."""
 
 _PLACES = [os.fsencode(f"{Path(file).parents[1]}/") for file in (_HERE, numba.__file__)]
