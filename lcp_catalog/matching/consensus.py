@@ -230,13 +230,14 @@ class _Table:
         chunks = [corrections[i : i + _CHUNK] for i in range(0, len(corrections), _CHUNK)]
         gains = np.concatenate([linear.gains(chunk) for chunk in chunks]) if chunks else np.zeros(0)
         found: list[Mask] = []
-        for row in np.argsort(-gains, kind="stable")[:_LOOKED_AT]:
-            if len(found) == _KEPT or gains[row] < 0.3 * gains.max():
+        best = np.argsort(-gains, kind="stable")[:_LOOKED_AT]
+        best = best[~(gains[best] < 0.3 * gains.max(initial=0.0))]
+        for agrees in linear.agreeing(corrections[best]):
+            if len(found) == _KEPT:
                 break
-            agrees = linear.agreeing(corrections[row])
             if _is_new(agrees, found):
-                agrees = linear.grown(agrees)
-                found += [agrees] if _is_new(agrees, found) else []
+                grown = linear.grown(agrees)
+                found += [grown] if _is_new(grown, found) else []
         return found
 
 
@@ -285,9 +286,9 @@ class _Linear:
         """
         return np.asarray(np.clip(GATE**2 - self.squared(corrections), 0.0, None).sum(-1))
 
-    def agreeing(self, correction: Array) -> Mask:
-        """True (n,) for the matches that agree with a correction (f,)."""
-        return np.asarray(self.squared(correction[None])[0] <= GATE**2)
+    def agreeing(self, corrections: Array) -> Mask:
+        """True (s, n) for the matches that agree with corrections (s, f)."""
+        return np.asarray(self.squared(corrections) <= GATE**2)
 
     def grown(self, agrees: Mask) -> Mask:
         """The matches that agree with the correction solved from the agreeing ones, repeated until
@@ -295,7 +296,7 @@ class _Linear:
         """
         for _ in range(_ROUNDS):
             before = agrees
-            agrees = self.agreeing(self.corrections(np.flatnonzero(agrees)[None])[0])
+            agrees = self.agreeing(self.corrections(np.flatnonzero(agrees)[None]))[0]
             if (agrees == before).all():
                 break
         return agrees

@@ -135,7 +135,7 @@ def test_corrections_of_a_set_are_least_squares_with_the_prior() -> None:
     off = [[np.sum((white[k] @ (offset[k] - slope[k] @ c)) ** 2) for k in range(40)] for c in found]
     gains = [sum(max(0.0, GATE**2 - squared) for squared in row) for row in off]
     np.testing.assert_allclose(linear.gains(found), gains, rtol=1e-9)
-    np.testing.assert_array_equal(linear.agreeing(found[0]), np.array(off[0]) <= GATE**2)
+    np.testing.assert_array_equal(linear.agreeing(found), np.array(off) <= GATE**2)
     assert np.histogram(off[0], [6.0, 9.0, 27.0])[0].all()
 
 
