@@ -17,9 +17,9 @@ import numpy as np
 from ..arrays import Array, Index
 from ..catalog.catalogue import Catalog
 
-MISSING = 0.2
-"""1 sigma of what detail adds to the dependence of the map's brightness on slopes, as a share of it: 3 sigmas are what a blur of
-1.2 pixel takes away.
+MISSING = 0.3
+"""1 sigma of what detail adds to the dependence of the map's brightness on slopes, as a share of it: what a blur of 0.8 pixel (half
+of the resolution) takes away.
 """
 _LEAST = 1e-4  # of the mean albedo, below which a logarithm is cut
 
