@@ -20,10 +20,11 @@ from lcp_catalog.cameras.sensor import Uncertainty, pixel_size_m
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching import position_fix
 from lcp_catalog.matching.consensus import Consensus
-from lcp_catalog.matching.matches import CODE, REASONS
+from lcp_catalog.matching.matches import CODE, REASONS, Matches
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
-from lcp_catalog.matching.pose import jacobian, position_error
+from lcp_catalog.matching.pose import Pose, jacobian, position_error
 from lcp_catalog.matching.position_fix import (
     CANNOT_SAY,
     LOCATED,
@@ -96,6 +97,30 @@ def test_a_camera_comes_back(world: World, points: Catalog, camera: Camera) -> N
     assert answer.sun.fits
     expected = given.sensor.project(points.position_mcmf[answer.matches.point])
     assert np.array_equal(answer.matches.predicted_px, expected)
+
+
+def test_a_search_is_the_last_if_others_would_change_nothing(
+    points: Catalog, photo: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against as many searches as are allowed; from a camera that is right one is enough."""
+    searches, near = [], position_fix._FixSearch.near
+
+    def counted(self: position_fix._FixSearch, pose: Pose) -> Matches:
+        searches.append(pose)
+        return near(self, pose)
+
+    monkeypatch.setattr(position_fix._FixSearch, "near", counted)
+    for image, enough in ((photo, 1), (believed(photo), 2)):
+        searches.clear()
+        found = locate(points, image, UNCERTAIN, LAW, QUICK).pose
+        assert len(searches) == enough
+        with monkeypatch.context() as patient:
+            patient.setattr(position_fix, "_SETTLED", 0.0)
+            best = locate(points, image, UNCERTAIN, LAW, QUICK).pose
+        assert len(searches) == enough + QUICK.passes
+        assert found is not None
+        assert best is not None
+        assert (np.abs(found.correction - best.correction) < 0.005 * best.sigma).all()
 
 
 def test_from_far_off_the_whole_image_is_shifted_first(points: Catalog, photo: Image) -> None:
