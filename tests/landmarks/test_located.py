@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -132,6 +133,13 @@ def test_what_constants_of_frames_change_is_stated(
         moved.append(np.abs(table() - usual).max())
     stated = next(one for one in APPROXIMATIONS if one.name == name).error
     assert max(moved) == pytest.approx(stated.value, rel=0.02)
+
+
+@pytest.mark.parametrize("agreeing", [0, 3, 20])
+def test_false_alarms_are_never_more_than_the_minimal_sets(agreeing: int) -> None:
+    """Matches that agree less often than by accident are no evidence for more: log10 C(n, 3)."""
+    found = log10_false_alarms(np.full(200, 0.3), np.arange(200) < agreeing, 3)
+    assert found == pytest.approx(math.log10(math.comb(200, 3)))
 
 
 @pytest.mark.parametrize("wanted", [0.9, 0.99])
