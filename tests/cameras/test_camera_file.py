@@ -28,7 +28,9 @@ def isd_of(camera, model="FRAME", **changes):
     """The same camera as an ISD: 50 mm, body-fixed axes equal to inertial ones, pixels counted from
     the corner of the first one.
     """
-    quaternion = Rotation.from_matrix(camera.rotation_mcmf_to_camera).as_quat()[[3, 0, 1, 2]]
+    quaternion = Rotation.from_matrix(np.array(camera.rotation_mcmf_to_camera)).as_quat()[
+        [3, 0, 1, 2]
+    ]
     scale = camera.focal_length_px / 50.0
     (cx, cy), (width, height) = camera.principal_point_px, camera.image_size_px
     k1, k2, p1, p2, k3 = camera.distortion

@@ -151,7 +151,7 @@ def test_a_hole_is_filled_by_another_file(tmp_path: Path) -> None:
 
     def extent(colour: tuple[int, int, int]) -> np.ndarray:
         """First and last row of a colour in the map, as shares of the fine file's 10 degrees."""
-        rows = np.nonzero((image == np.array(colour, np.uint8)).all(axis=-1)[:-60])[0]
+        rows = np.nonzero((image == np.array(colour, np.uint8)).all(axis=-1)[:-80])[0]
         return np.array([rows.min(), rows.max() + 1.0])
 
     top, bottom = extent(blue)
