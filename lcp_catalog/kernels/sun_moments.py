@@ -107,16 +107,18 @@ def _least(least, shown, sun, half, codes, inverse, slope, rule, grid):
     if k == j or k < 0 or middle - half < low[0] - _EDGE_DEG or middle + half > low[-1] + _EDGE_DEG:
         return False
     on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
-    mu0 = max(sun[2], least_cosine)
-    for v in range(len(views)):
-        shown[v] = 1.0
-        if albedo > 0.0:
-            both = mu0 + max(views[v, 2], least_cosine)
-            east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
-            north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
-            square = max(east * east + north * north, least_shown * least_shown)
-            shown[v] = math.sqrt(square / (albedo * albedo + slope * slope * square))
+    flat = max(math.hypot(sun[0], sun[1]), 1e-12)
     for el in (middle - half, middle + half):
+        up_here, along = math.sin(math.radians(el)), math.cos(math.radians(el)) / flat
+        mu0 = max(up_here, least_cosine)
+        for v in range(len(views)):
+            shown[v] = 1.0
+            if albedo > 0.0:
+                both = mu0 + max(views[v, 2], least_cosine)
+                east = (along * sun[0] + views[v, 0]) / both - along * sun[0] / mu0
+                north = (along * sun[1] + views[v, 1]) / both - along * sun[1] / mu0
+                square = max(east * east + north * north, least_shown * least_shown)
+                shown[v] = math.sqrt(square / (albedo * albedo + slope * slope * square))
         i = min(max(np.searchsorted(low, el, side="right") - 1, 0), len(low) - 2)
         if above[i] != i + 1:
             return False

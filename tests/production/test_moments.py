@@ -169,6 +169,21 @@ def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
         assert set(candidate[cover.place == place]) == set(np.flatnonzero(close))
 
 
+def test_a_place_is_told_how_little_shows_under_a_sun_near_the_views_direction() -> None:
+    """To 2 % of probability within about 15 deg of the oblique view's direction, where that changes steeply with the elevation."""
+    made = Made(0.0)
+    middle = (made.elevations[:-1] + made.elevations[1:]) / 2.0
+    e, a = np.radians(np.meshgrid(middle, made.azimuths + 7.5, indexing="ij"))
+    sun = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
+    away = np.degrees(np.arccos(sun @ np.array(OBLIQUE)))
+    near = np.flatnonzero(away < 15.0) + away.size  # of the second view
+    least, _ = made.least(60_000)
+    told, seen = (units[:, near] for units in of_pairs(made, made.cover()[0], least))
+    stands = (seen < 255) & (told < 255)
+    assert np.count_nonzero(stands) > 300
+    assert (told[stands].astype(int) - seen[stands]).max() <= 2
+
+
 def test_what_is_taken_together_is_worth_what_the_worst_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Places in one of 2 x 2 parts of the circle around a candidate."""
     made = Made(84.0)
