@@ -131,7 +131,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "Sun elevations, interpolated between",
         Figure(1.0, "%", "the points claimed usable between the grid's Suns that are not", MEASURED),
-        "99 % of the points claimed usable between them are (random Suns and views, c896266, 2026-11-24); below the lowest no claim is made",
+        "99 % of the points claimed usable between them are (random Suns and views, c896266, 2026-11-24); more than 2.5 deg below the lowest no claim is made",
         ("sun.elevations_deg",), alternatives.elevations, constants=("catalog.prediction.BEYOND_MARGIN",), expected=0.05,
         fineness=lambda c: len(c.sun.elevations_deg),
         sample="every second elevation: 0.70, 7.3 % (4.5..10), 14/14; twice the elevations: 1.54, 2.3 % (1.1..3.6), 7/7",
@@ -302,7 +302,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "interpolation of a claim over Sun and scale",
         Figure(0.05, "", "a probability, mean over points", MEASURED),
         "mean error of a probability 0.01 to 0.05 (two regions, 3276aa4, 2026-11-25); usable only with the margins",
-        constants=("catalog.sun_cells._SAMPLES", "catalog.sun_cells.WIDEST_DEG", "catalog.prediction.FREE_SHARE", "catalog.prediction.LONE_STEP_DEG", "catalog.prediction._LEAST_WEIGHT"),
+        constants=("catalog.sun_cells._SAMPLES", "catalog.sun_cells.WIDEST_DEG", "catalog.prediction.FREE_SHARE", "catalog.prediction.BEYOND_DEG", "catalog.prediction.LONE_STEP_DEG", "catalog.prediction._LEAST_WEIGHT"),
         unpriced="no switch: it belongs to a query", price="nothing in a build; the rows of Suns and views measure it",
     ),
     Approximation(

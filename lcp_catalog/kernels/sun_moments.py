@@ -23,7 +23,7 @@ _SAFETY = 1.2
 """Factor of the first derivative of the elevation by the azimuth, for what the second ones add."""
 
 _EDGE_DEG = 1e-6
-"""Slack at the ends of the grid."""
+"""Slack at the ends of the claims."""
 
 
 @njit(nogil=True)
@@ -89,14 +89,14 @@ def _narrowed(box, lat, limit):
 @njit(nogil=True)
 def _least(least, shown, sun, half, codes, inverse, slope, rule, grid):
     """Lower the heights of peaks, or with margins the logits, of a candidate in each view (v,) to those at two moments; False if
-    one is outside the grid, or if too little is known there.
+    one is beyond the claims, or if too little is known there.
 
     ``sun``: direction in the candidate's frame, ``half``: degrees by which the Sun stands lower and higher. ``codes``, ``inverse``
     (v, e, a): of its claims, and one over how clearly relief shows there for its ``slope`` errors (`landmarks.relief_signal`).
     ``rule``: `serve`; ``shown`` (v,): for use here.
     """
     low, start, above, after = grid
-    heights, views, light, logits, step, _, margins = rule
+    heights, views, light, logits, step, _, margins, ends = rule
     albedo, least_cosine, least_shown = light
     between, beyond = margins
     middle = math.degrees(math.atan2(sun[2], math.hypot(sun[0], sun[1])))
@@ -104,7 +104,12 @@ def _least(least, shown, sun, half, codes, inverse, slope, rule, grid):
     j = np.searchsorted(start, azimuth, side="right") - 1
     j = j if j >= 0 else len(start) - 1
     k = after[j]
-    if k == j or k < 0 or middle - half < low[0] - _EDGE_DEG or middle + half > low[-1] + _EDGE_DEG:
+    if (
+        k == j
+        or k < 0
+        or middle - half < ends[0] - _EDGE_DEG
+        or middle + half > ends[1] + _EDGE_DEG
+    ):
         return False
     on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
     flat = max(math.hypot(sun[0], sun[1]), 1e-12)
@@ -156,7 +161,7 @@ def _lower(worth, own, boxes, suns, tilt, codes, inverse, slope, rule, grid, lea
     rows of `parts_of_cells` and their middles (n, 3) in its frame. ``tilt``: angle between the verticals of place and candidate;
     ``least``, ``shown`` (v,): for use here.
     """
-    logits, step, limits, margins = rule[3:]
+    logits, step, limits, margins, _ = rule[3:]
     each = len(worth) // len(least)
     least[:] = np.inf
     for m in range(len(boxes)):
@@ -188,7 +193,8 @@ def serve(worth, found, near, frames, claims, rule, grid, columns, limit):
     slope errors; these (k,), and one over how clearly relief shows (k, v, e, a).
     ``rule``: heights of peaks by code; directions to the cameras (v, 3); unmapped brightness, and the least cosine and signal of
     relief; logits of probabilities by height, in steps; least logits of 1, 2, ... units; margins in logits between the grid's
-    directions and beyond them. ``limit``: of the Sun's declination, radians.
+    directions and beyond them; least and greatest elevation, degrees, at which claims count. ``limit``: of the Sun's declination,
+    radians.
     """
     starts, candidate, row = near
     lats, axes, others = frames

@@ -250,9 +250,7 @@ def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetect
     `locate` takes it.
     """
     claims, sensor = points.claims, points.frame.sensor
-    stated = np.isfinite(claims.covariance_m2).all(axis=(1, 2)) & ~np.isin(
-        claims.cause, _NOT_CLAIMED
-    )
+    stated = np.isfinite(claims.covariance_m2).all(axis=(1, 2)) & (claims.cause != _CUT)
     some = np.flatnonzero(stated & np.isfinite(claims.detection_probability) & points.whole)
     rows = points.rows[some]
     slope = ground_slopes(sensor, catalog.position_mcmf[rows], points.rotation[some])
@@ -263,8 +261,8 @@ def joint_of(catalog: Catalog, points: FramePoints, query: Query) -> JointDetect
     return joint_detection(catalog, rows, sensor, found, covariance, known, points.frame.sun)
 
 
-_NOT_CLAIMED = CAUSES.index("edge"), CAUSES.index("sun")
-"""Patches that the image cuts, and Suns outside the table: claims beyond its last Sun are those of that Sun."""
+_CUT = CAUSES.index("edge")
+"""Cause of patches that the image cuts."""
 
 
 def _heights(catalog: Catalog, rows: Index, query: Query) -> Array:

@@ -31,7 +31,7 @@ from .area_job import conditions_at
 from .point_config import SPACING_MIN_NODES, PointConfig
 
 if TYPE_CHECKING:
-    from .config import BuildConfig, SunConfig
+    from .config import BuildConfig
     from .run import Build
 
 log = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ _LONE = (
     "lower or above the higher one that is between them at the middle of a footprint: `sun.elevations_deg` {} comes before a "
     "camera that sees more ground, or a finer DEM"
 )
-"""Why few points count between two elevations alone."""
+"""Why few usable points count between two elevations alone."""
 
 
 @dataclass(frozen=True)
@@ -162,22 +162,25 @@ def warn_of_small_footprint(region: Area, points: PointConfig, gsd_m: float) -> 
 
 
 def warn_of_lone_elevations(config: BuildConfig) -> None:
-    """Log that the promise of a build hardly holds where its Suns lie between two elevations alone.
-
-    Hadley, 100 km, cells of 474 m, 10 and 20 deg: 3 points and a promise kept in 0 %; with 15 deg 91 points and 81 %
-    (c709adf3, 2026-11-29).
+    """Log that a promise of usable points hardly holds where its Suns lie between two elevations alone, beyond which no point is
+    called usable. Points that locate a frame count there by their claims.
     """
-    if more := _with_middles(config.sun):
+    if more := _with_middles(config):
         log.warning(
-            "two elevations of the Sun (of %s deg) have no third beside them: few points count for the promise between them, "
+            "two elevations of the Sun (of %s deg) have no third beside them: few usable points count for the promise between, "
             "where the Sun stands higher or lower at a point than at the middle of a footprint; add one: `sun.elevations_deg` %s",
             _text("", tuple(config.sun.elevations_deg)),
             _text("", more),
         )
 
 
-def _with_middles(sun: SunConfig) -> tuple[float, ...]:
-    """The elevations, and the middle of each two that bound a row of the Sun grid without a row beside it; empty if none do."""
+def _with_middles(config: BuildConfig) -> tuple[float, ...]:
+    """The elevations, and the middle of each two that bound a row of the Sun grid without a row beside it; empty if none do, or if
+    points need not be usable.
+    """
+    if config.points.located is not None:
+        return ()
+    sun = config.sun
     cells = SunCells.of(sun.elevations_deg, sun.azimuths_deg)
     wide = np.pad(cells.above > np.arange(len(cells.above)), 1)
     lone = np.flatnonzero(wide[1:-1] & ~wide[:-2] & ~wide[2:])
@@ -244,9 +247,9 @@ class Trial:
         """What helps against causes (by name, the share of each) at places, or why nothing does."""
         main = max(causes, key=lambda name: causes[name])
         why = f"{main}: {_HELP[main]}"
-        sun = self.build.recipe.config.sun
-        if main == "few" and (more := _with_middles(sun)):
-            why = "few: " + _LONE.format(_text("", tuple(sun.elevations_deg)), _text("", more))
+        config = self.build.recipe.config
+        if main == "few" and (more := _with_middles(config)):
+            why = "few: " + _LONE.format(_text("", config.sun.elevations_deg), _text("", more))
         found = cures(self.build, causes)[:_TRIED]
         if not found:
             return f"no change of the configuration is known to help ({why})"
@@ -421,7 +424,7 @@ def _against(build: Build, cause: str) -> Iterator[dict[str, Any]]:
     config = build.recipe.config
     yield from _of_ground(build, config, cause)
     yield from _of_points(config.points, build.recipe.gsd_m, cause)
-    yield from _of_suns(config.sun, highest_sun_deg(abs(build.recipe.region.lat_deg)), cause)
+    yield from _of_suns(config, highest_sun_deg(abs(build.recipe.region.lat_deg)), cause)
 
 
 def _of_ground(build: Build, config: BuildConfig, cause: str) -> Iterator[dict[str, Any]]:
@@ -458,12 +461,13 @@ def _of_points(points: PointConfig, cell_m: float, cause: str) -> Iterator[dict[
         yield {"points.max_points": 2 * points.max_points}
 
 
-def _of_suns(sun: SunConfig, highest_deg: float, cause: str) -> Iterator[dict[str, Any]]:
+def _of_suns(config: BuildConfig, highest_deg: float, cause: str) -> Iterator[dict[str, Any]]:
     """More Suns: higher ones, and those between."""
+    sun = config.sun
     above = float(f"{min(highest_deg, _HIGH_DEG):.2g}")
     if cause in ("dependent", "dark", "featureless") and above > 1.2 * max(sun.elevations_deg):
         yield {"sun.elevations_deg": (*sun.elevations_deg, above)}
-    if cause == "few" and (more := _with_middles(sun)):
+    if cause == "few" and (more := _with_middles(config)):
         yield {"sun.elevations_deg": more}
     if cause == "marginal":
         middles = np.add(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import AnyArray, Array, Bytes, Index, Mask
-from ..catalog.prediction import BETWEEN_MARGIN, BEYOND_MARGIN
+from ..catalog.prediction import BETWEEN_MARGIN, BEYOND_MARGIN, claimed_elevations
 from ..catalog.schema import DETECTION_STEP, NO_CELL
 from ..catalog.sun_cells import SunCells
 from ..constants import MOON_RADIUS_M, SUBSOLAR_LATITUDE_MAX_DEG
@@ -126,7 +126,10 @@ class Claimed:
         logits = _logit(_inside(probability_at(np.maximum(_HEIGHTS, 1e-9))))
         light = self.albedo_sigma, LEAST_COSINE, LEAST_SLOPE_SIGNAL
         rule = heights, self.views, light, logits, float(_HEIGHTS[1]), self._bars, self.margins
-        return (self.codes, number.astype(np.int64), slopes, np.exp(-signal)), rule
+        ends = claimed_elevations(self.grid.elevation)
+        if self.margins[0] > 0.0:  # usable points lie within the grid
+            ends = float(self.grid.elevation[0]), float(self.grid.elevation[-1])
+        return (self.codes, number.astype(np.int64), slopes, np.exp(-signal)), (*rule, ends)
 
 
 def _inside(probability: AnyArray) -> Array:

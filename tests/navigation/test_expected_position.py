@@ -51,15 +51,19 @@ def test_a_sun_below_the_horizon_is_said_after_the_causes(catalog: Catalog) -> N
         assert re.search(rf"points in view usable \({before}{night}", result_line(answer))
 
 
-def test_points_whose_sun_is_outside_the_table_locate_nothing(catalog: Catalog) -> None:
-    """Their claims, of the table's nearest Sun, are stated within half a step of it, and no point is usable by them."""
-    lowest = float(catalog.sun_elevation.min())
-    answers = [
-        catalog.query(camera(EnuFrame(*catalogs.CENTER)), SunChoice(100.0, lowest + above))
-        for above in (3.0, -1.5)
-    ]
-    assert answers[0].joint.located > 0.9
-    assert (answers[1].usable, answers[1].joint.expected, answers[1].joint.located) == (0, 0.0, 0.0)
+def test_points_whose_sun_is_outside_the_table_locate_by_the_claims_of_its_end(
+    catalog: Catalog,
+) -> None:
+    """Half a step beyond the lowest Sun its claims are stated, and no point is usable by them; farther there are none."""
+    lowest, step = np.asarray(catalog.sun_elevation)[0], np.diff(catalog.sun_elevation)[0]
+    inside, beside, beyond = (
+        catalog.query(camera(EnuFrame(*catalogs.CENTER)), SunChoice(100.0, float(lowest + above)))
+        for above in (3.0, -0.4 * step, -0.9 * step)
+    )
+    assert inside.joint.located > 0.9
+    assert beside.usable == 0
+    assert beside.joint.located > 0.9
+    assert (beyond.usable, beyond.joint.expected, beyond.joint.located) == (0, 0.0, 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -149,7 +149,7 @@ def test_where_nothing_helps_the_cause_is_said() -> None:
 def test_few_points_between_two_elevations_are_no_matter_of_cameras(
     elevations: tuple[float, ...], lone: bool
 ) -> None:
-    config = CONFIG.replaced({"sun.elevations_deg": elevations})
+    config = CONFIG.replaced({"sun.elevations_deg": elevations, "points.per_view": 3})
     trial = Trial(planned(config), lambda config: Yield(0), 0.0, 0.0)
     said = trial.advice({"few": 0.8}, [])
     assert ("(few: two elevations of the Sun (of 15,40 deg) have no third" in said) is lone
@@ -263,12 +263,16 @@ def test_small_footprints_are_advised(
 @pytest.mark.parametrize(
     ("elevations", "points", "said"),
     [
-        ((10.0, 20.0), {}, "10:20:5"),
+        ((10.0, 20.0), {}, None),  # points that locate a frame count beyond both by their claims
         ((10.0, 20.0), {"per_view": 3}, "10:20:5"),
-        ((5.0, 10.0, 50.0, 60.0), {}, "5,7.5,10,50,55,60"),  # no row between 10 and 50 deg
-        ((10.0, 15.0, 20.0), {}, None),
-        ((10.0,), {}, None),
-        ((10.0, 50.0), {}, None),  # each of them is evaluated as it is
+        (
+            (5.0, 10.0, 50.0, 60.0),
+            {"per_view": 3},
+            "5,7.5,10,50,55,60",
+        ),  # no row between 10 and 50 deg
+        ((10.0, 15.0, 20.0), {"per_view": 3}, None),
+        ((10.0,), {"per_view": 3}, None),
+        ((10.0, 50.0), {"per_view": 3}, None),  # each of them is evaluated as it is
         ((10.0, 20.0), {"spacing_m": 7500.0}, None),  # nothing is promised
     ],
 )

@@ -97,7 +97,7 @@ class Made:
 
     def least(self, suns: int) -> tuple[Bytes, Mask]:
         """(candidate, place, condition): the least percents at random Suns that stand in a cell at the place, 255 where none
-        does; and whether they are far from the ends of the grid at the candidate.
+        does; and whether they are far from the ends of the claims at the candidate.
         """
         rng = np.random.default_rng(6)
         high, wide = self.grid.shape[0] - 1, self.grid.shape[1]
@@ -114,15 +114,19 @@ class Made:
             cell = row * wide + (azimuth[some] / (360.0 / wide)).astype(np.int64)
             for i in range(CANDIDATES):
                 at = angles(self.sites[0][i], self.sites[1][i], sun[0][some], sun[1][some])
-                outside = (at[0] < self.elevations[0]) | (at[0] > self.elevations[-1])
+                # half a step beyond them, 2.5 deg at most, those of the end hold
+                low, high = self.elevations[[0, -1]]
+                first, last = np.minimum(np.diff(self.elevations)[[0, -1]] / 2.0, 2.5)
+                outside = (at[0] < low - first) | (at[0] > high + last)
+                kept = np.stack([np.clip(at[0], low, high), at[1]], axis=1)
                 for v, view in enumerate(self.views):
-                    shown = stated[i][v](np.stack(at, axis=1))
+                    shown = stated[i][v](kept)
                     shown = shown * signal(*at, view, self.slope[i])
                     percents = 100.0 * np.interp(shown, heights, probabilities)
                     value = np.where(outside, 0, np.floor(np.clip(percents, 0.0, 99.0)))
                     np.minimum.at(found[i, p, v], cell, value.astype(np.uint8))
-                    edge = np.abs(at[0] - self.elevations[[0]]) < 0.6
-                    edge |= np.abs(at[0] - self.elevations[[-1]]) < 0.6
+                    edge = np.abs(at[0] - low + first) < 0.6
+                    edge |= np.abs(at[0] - high - last) < 0.6
                     np.logical_and.at(inner[i, p, v], cell, ~edge)
         return found.reshape(CANDIDATES, PLACES, -1), inner.reshape(found.shape[0], PLACES, -1)
 
@@ -143,7 +147,7 @@ def of_pairs(made: Made, cover: Cover, everywhere: Bytes) -> tuple[Bytes, Bytes]
 @pytest.mark.parametrize("lat_deg", [-88.5, 84.0, 26.0])
 def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
     """To 3 % of probability, in few cases 9 % between moments 2 deg of elevation and 5 of azimuth apart; never where it leaves
-    the grid. Not so if each candidate is asked about the place's own angles, which differ by degrees.
+    the claims. Not so if each candidate is asked about the place's own angles, which differ by degrees.
     """
     made = Made(lat_deg)
     cover, happens = made.cover()
@@ -170,7 +174,7 @@ def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
 
 
 def test_a_place_is_told_how_little_shows_under_a_sun_near_the_views_direction() -> None:
-    """To 2 % of probability within about 15 deg of the oblique view's direction, where that changes steeply with the elevation."""
+    """To 3 % of probability, in few cases 5 %, within 15 deg of the oblique view's direction, where that changes steeply."""
     made = Made(0.0)
     middle = (made.elevations[:-1] + made.elevations[1:]) / 2.0
     e, a = np.radians(np.meshgrid(middle, made.azimuths + 7.5, indexing="ij"))
@@ -181,7 +185,9 @@ def test_a_place_is_told_how_little_shows_under_a_sun_near_the_views_direction()
     told, seen = (units[:, near] for units in of_pairs(made, made.cover()[0], least))
     stands = (seen < 255) & (told < 255)
     assert np.count_nonzero(stands) > 300
-    assert (told[stands].astype(int) - seen[stands]).max() <= 2
+    over = told[stands].astype(int) - seen[stands]
+    assert (over > 3).mean() < 0.02
+    assert over.max() <= 5
 
 
 def test_what_is_taken_together_is_worth_what_the_worst_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,3 +301,20 @@ def test_a_single_direction_needs_no_margin() -> None:
     near = Near(place, place, 1e3, np.array([0, 1]), np.zeros(1, np.int64))
     cover, _ = moment_cover(near, claims, np.arange(2))
     assert cover.counts(np.arange(1))[0].tolist() == [1, 1]
+
+
+def test_points_count_beyond_two_elevations_by_claims_but_not_as_usable() -> None:
+    """60 km away the Sun stands up to 2 deg higher or lower: there the claims of 10 and 20 deg hold, as far as 5 and 25 deg."""
+    grid = SunCells.of((10.0, 20.0), LEVEL[1])
+    codes = np.full((1, 1, 2, 24), 200, np.uint8)
+    place = Places(np.zeros(1), np.full(1, 40.0))
+    near = Near(
+        Places(np.full(1, 2.5), place[1]), place, 1e5, np.array([0, 1]), np.zeros(1, np.int64)
+    )
+    for margins, lost in (((0.0, 0.0), 0.0), ((0.375, 1.5), 0.6)):
+        claims = Claimed(grid, codes, np.zeros(1), np.array([NADIR]), 0.0, PERCENTS, margins)
+        cover, happens = moment_cover(near, claims, np.arange(24))
+        assert happens.any()
+        worth = cover.counts(np.arange(1))[happens]
+        assert (worth == 80).all() or lost > 0.0
+        assert (worth == 0).mean() >= lost
