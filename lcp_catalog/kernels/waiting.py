@@ -13,6 +13,8 @@ def sleep_between_kernels() -> None:
     if "OMP_WAIT_POLICY" in os.environ:
         return
     os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
-    with contextlib.suppress(ImportError):  # without OpenMP
-        importlib.import_module("numba.np.ufunc.omppool")
-    del os.environ["OMP_WAIT_POLICY"]
+    try:
+        with contextlib.suppress(ImportError):  # without OpenMP
+            importlib.import_module("numba.np.ufunc.omppool")
+    finally:
+        del os.environ["OMP_WAIT_POLICY"]

@@ -314,18 +314,20 @@ class _JointSearch:
         if len(rows) < FEWEST:
             return None
 
-        def search_in(catalog: Catalog, rows: Index) -> Search:
-            here = self if catalog is self.catalog else replace(self, catalog=catalog)
+        def search_for(which: Index, catalog: Catalog | None) -> Search:
+            here, known = self, rows[which]
+            if catalog is not None:
+                here, known = replace(self, catalog=catalog), np.arange(len(which))
 
             def search(
                 moved: Image, law: Reflectance, some: Index, _: float
             ) -> tuple[Array, Array]:
-                shift, z = _summit(here.z_maps(moved, rows[some], _SUN_PX, law))
+                shift, z = _summit(here.z_maps(moved, known[some], _SUN_PX, law))
                 return np.tanh(np.nan_to_num(z)), np.tile(self.factor * shift, (len(some), 1))
 
             return search
 
-        return check_sun(search_in, self.catalog, rows, image, self.model, self.share)
+        return check_sun(search_for, self.catalog, rows, image, self.model, self.share)
 
 
 def _whole_middle(z: Array) -> NDArray[np.bool_]:

@@ -264,8 +264,10 @@ class MatchedPoints:
     ) -> SunCheck:
         """`check_sun` by points that are searched one by one, each within ``reach_px`` of its match."""
 
-        def search_in(catalog: Catalog, rows: Index) -> Search:
-            points = replace(self, catalog=catalog, rows=rows)
+        def search_for(which: Index, catalog: Catalog | None) -> Search:
+            points = replace(self, rows=self.rows[which], offset_px=self.offset_px[which])
+            if catalog is not None:
+                points = replace(points, catalog=catalog, rows=np.arange(len(which)))
             known: dict[tuple[bytes, float], FoundPlaces] = {}
 
             def search(
@@ -282,7 +284,7 @@ class MatchedPoints:
 
         image = self.searched.source
         return check_sun(
-            search_in, self.catalog, self.rows, image, self.model, independent_share, turns_deg
+            search_for, self.catalog, self.rows, image, self.model, independent_share, turns_deg
         )
 
     def glance(
@@ -315,7 +317,7 @@ class MatchedPoints:
 
 
 def check_sun(
-    search_in: Callable[[Catalog, Index], Search],
+    search_for: Callable[[Index, Catalog | None], Search],
     catalog: Catalog,
     points: Index,
     image: Image,
@@ -327,11 +329,13 @@ def check_sun(
     and under Suns moved by ``turns_deg``; rendered with ``model``, or with the one of `LAWS` that
     most points prefer to it.
 
-    ``search_in``: gives the search for the n points at rows of a catalogue. ``independent_share``: number of points that share
-    no terrain, as a share of n. At most 100 points, evenly chosen, are searched.
+    ``search_for``: gives the search for some of the n points, in their own catalogue (None) or in one of these alone.
+    ``independent_share``: number of points that share no terrain, as a share of n. At most 100 points, evenly chosen, are
+    searched.
     """
-    tried = _Tried(search_in(catalog, points), image, catalog.position_mcmf[points], turns_deg)
-    rows = evenly(np.arange(len(points)), _MOST)
+    every = np.arange(len(points))
+    tried = _Tried(search_for(every, None), image, catalog.position_mcmf[points], turns_deg)
+    rows = evenly(every, _MOST)
     glance = rows[::_GLANCE]
     own, own_z = tried.check(model, rows, independent_share)
     best, most = own, 0.0
@@ -352,12 +356,13 @@ def check_sun(
     best = replace(best, best_raise_deg=raised[0], best_raise_sigma_deg=raised[1])
     if not best.turned or best.outdone:
         return best
-    azimuth = math.radians(_sun_over(image, tried.ground_mcmf_m)[1].azimuth_deg)
-    if (detail := MapDetail.of(catalog, points, azimuth)) is None:
+    ground = tried.ground_mcmf_m[rows]
+    if (detail := MapDetail.of(catalog, points[rows], image.sun_directions(ground))) is None:
         return best
     law = reflectance_model(best.law) if best.law else model
-    altered = (search_in(detail.altered(s), np.arange(len(points))) for s in (-1.0, 1.0))
-    turns = [replace(tried, search=s).best_turn(law, rows, best.independent) for s in altered]
+    altered = (search_for(rows, detail.altered(sigmas)) for sigmas in (-1.0, 1.0))
+    some, share = np.arange(len(rows)), best.independent
+    turns = [_Tried(s, image, ground, turns_deg).best_turn(law, some, share) for s in altered]
     by_map = 0.5 * (turns[1] - turns[0])
     sigma = math.hypot(best.best_turn_sigma_deg, by_map) if math.isfinite(by_map) else math.inf
     return replace(best, best_turn_sigma_deg=sigma)

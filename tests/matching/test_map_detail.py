@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rasterio
-from helpers.lone_hill import HERE, plain_photo
+from helpers.lone_hill import EAST, HERE, plain_photo
 from helpers.twins_match import HADLEY, catalog_of_dem, catalog_of_patches, looking_at
 from scipy.ndimage import gaussian_filter
 
@@ -53,17 +53,39 @@ def test_slopes_across_the_sun_are_altered_by_a_share_of_what_the_map_has(
     """Slopes that rise to the right of the Sun's direction."""
     points, east, north = leaning(0.3, -0.2)
     turn = math.radians(azimuth_deg)
-    detail = MapDetail.of(points, np.arange(30), turn)
+    sun = HERE.direction_to_mcmf(direction_enu(azimuth_deg, 40.0))
+    detail = MapDetail.of(points, np.arange(30), np.tile(sun, (30, 1)))
     assert detail is not None
-    assert detail.sigma == pytest.approx(MISSING * math.hypot(0.3, 0.2), rel=0.03)
+    share = MISSING * (25 * CELL_M / 2665.0) ** -0.8
+    np.testing.assert_allclose(detail.sigma, min(share, 1.0) * math.hypot(0.3, 0.2), rtol=0.03)
     changed = np.log(detail.altered(-2.0).albedo / points.albedo)
-    wanted = -2.0 * detail.sigma * (east * math.cos(turn) - north * math.sin(turn))
+    wanted = -2.0 * detail.sigma[0] * (east * math.cos(turn) - north * math.sin(turn))
     np.testing.assert_allclose(changed, wanted, atol=2e-5)
+
+
+def test_around_a_pole_the_direction_that_is_bright_is_one() -> None:
+    """Patches on all longitudes, bright on slopes that rise to one side of a Sun that is the same for all."""
+    points, east, north = leaning(0.0, 0.0)
+    frames = [EnuFrame(12.0 * k, 89.5) for k in range(30)]
+    turns = np.array([f.rotation for f in frames])
+    sun = frames[0].direction_to_mcmf(direction_enu(70.0, 20.0))
+    up = turns[0].T @ [0.0, 0.0, 1.0]
+    aside = turns @ np.cross(sun, up)
+    aside /= np.linalg.norm(aside[:, :2], axis=1)[:, None]
+    bright = np.exp(0.36 * (east * aside[:, :1, None] + north * aside[:, 1:2, None]))
+    polar = catalog_of_patches(
+        points.dem, frames, CELL_M, albedo=bright.astype(np.float32), albedo_map=points.albedo_map
+    )
+    detail = MapDetail.of(polar, np.arange(30), np.tile(sun, (30, 1)))
+    assert detail is not None
+    share = min(MISSING * (25 * CELL_M / 2665.0) ** -0.8, 1.0)
+    assert detail.sigma[0] == pytest.approx(0.36 * share, rel=0.05)
 
 
 def test_without_a_map_nothing_is_missing() -> None:
     points, *_ = leaning(0.3, -0.2)
-    assert MapDetail.of(replace(points, albedo=None, albedo_map=None), np.arange(3), 0.0) is None
+    bare = replace(points, albedo=None, albedo_map=None)
+    assert MapDetail.of(bare, np.arange(3), np.tile(EAST, (3, 1))) is None
 
 
 @pytest.mark.parametrize(
@@ -83,18 +105,18 @@ def test_an_azimuths_sigma_has_half_the_difference_that_the_detail_makes(
     sun = HERE.direction_to_mcmf(direction_enu(100.0, 50.0))
     photo = plain_photo(np.ones(camera.shape), camera, sun)
 
-    def search_in(_: Catalog, rows: np.ndarray):
+    def search_for(which: np.ndarray, _: Catalog | None):
         lie = next(lies)
 
         def search(moved: Image, _law, some: np.ndarray, _power: float):
             azimuth, _ = azimuth_elevation(HERE.direction_from_mcmf(moved.sun_direction_mcmf))
-            away = float(azimuth) - 100.0 - off[some] - np.nan_to_num(lie)
+            away = float(azimuth) - 100.0 - off[which[some]] - np.nan_to_num(lie)
             z = 1.0 + (1e-4 if math.isnan(lie) else -1e-4) * away**2
             return np.tanh(z), np.zeros((len(some), 2))
 
         return search
 
-    check = check_sun(search_in, points, np.arange(30), photo, LAW)
+    check = check_sun(search_for, points, np.arange(30), photo, LAW)
     assert check.best_turn_deg == pytest.approx(18.0, abs=0.01)
     assert check.best_turn_sigma_deg == pytest.approx(sigma, rel=0.01)
     assert check.fits
