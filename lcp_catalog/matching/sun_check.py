@@ -126,6 +126,9 @@ class SunCheck:
     least_doubt_px: float = 0.0  # doubt under the law of the search, if another decides
     best_turn_deg: float = 0.0  # turn from the stated azimuth to the best one, `best_turn`
     best_turn_sigma_deg: float = math.inf  # with that of the map's detail where it decides
+    turned_by_map: bool = (
+        False  # the best azimuth is not the stated one by the scatter of the points alone
+    )
     elevation_deg: float = math.nan  # of the stated Sun; NaN if others were tried than `TURNS_DEG`
     best_raise_deg: float = 0.0  # from the stated elevation to the best one, `best_turn`
     best_raise_sigma_deg: float = math.inf
@@ -162,6 +165,16 @@ class SunCheck:
         """
         least = max(LEAST_TURN_DEG, _TURN_SIGMAS * self.best_turn_sigma_deg)
         return self.independent >= _FEWEST and abs(self.best_turn_deg) > least
+
+    @property
+    def azimuth_advice(self) -> str:
+        """One line about an azimuth that only detail beyond the albedo map explains; empty for others."""
+        if not self.turned_by_map or not self.fits:
+            return ""
+        return (
+            f"the Sun's azimuth may be wrong: {self.points} points correlate best under one turned by "
+            f"{self.best_turn_deg:+.0f} deg; brightness that the albedo map lacks can look so, too: check the Sun and the time"
+        )
 
     @property
     def elevation_fits(self) -> bool:
@@ -365,7 +378,7 @@ def check_sun(
     turns = [_Tried(s, image, ground, turns_deg).best_turn(law, some, share) for s in altered]
     by_map = 0.5 * (turns[1] - turns[0])
     sigma = math.hypot(best.best_turn_sigma_deg, by_map) if math.isfinite(by_map) else math.inf
-    return replace(best, best_turn_sigma_deg=sigma)
+    return replace(best, best_turn_sigma_deg=sigma, turned_by_map=True)
 
 
 def _most_gain(gain: Array, majority: float = 0.5) -> bool:
