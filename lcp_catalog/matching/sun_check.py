@@ -126,9 +126,7 @@ class SunCheck:
     least_doubt_px: float = 0.0  # doubt under the law of the search, if another decides
     best_turn_deg: float = 0.0  # turn from the stated azimuth to the best one, `best_turn`
     best_turn_sigma_deg: float = math.inf  # with that of the map's detail where it decides
-    turned_by_map: bool = (
-        False  # the best azimuth is not the stated one by the scatter of the points alone
-    )
+    turned_by_map: bool = False  # the map's detail was looked at: the points alone refuse the Sun
     elevation_deg: float = math.nan  # of the stated Sun; NaN if others were tried than `TURNS_DEG`
     best_raise_deg: float = 0.0  # from the stated elevation to the best one, `best_turn`
     best_raise_sigma_deg: float = math.inf
