@@ -42,7 +42,8 @@ class MapDetail:
         rise = np.asarray(np.gradient(np.asarray(some.dem, np.float64), axis=(2, 1)))
         slopes = np.stack([_uneven(rise[0]), _uneven(-rise[1])]) / gsd[:, None, None]
         sun = np.einsum("nij,nj->ni", some.rotation_mcmf_to_enu, suns_mcmf)[:, :2]
-        to_east, to_north = (sun / np.linalg.norm(sun, axis=1, keepdims=True)).T[:, :, None, None]
+        flat = np.maximum(np.linalg.norm(sun, axis=1, keepdims=True), 1e-12)  # 0 at the zenith
+        to_east, to_north = (sun / flat).T[:, :, None, None]
         across = slopes[0] * to_north - slopes[1] * to_east
         along = slopes[0] * to_east + slopes[1] * to_north
         albedo = np.nan_to_num(np.asarray(some.albedo, np.float64), nan=1.0)

@@ -82,8 +82,11 @@ def test_around_a_pole_the_direction_that_is_bright_is_one() -> None:
     assert detail.sigma[0] == pytest.approx(0.36 * share, rel=0.05)
 
 
-def test_without_a_map_nothing_is_missing() -> None:
+def test_nothing_is_missing_without_a_map_and_across_no_sun_at_the_zenith() -> None:
     points, *_ = leaning(0.3, -0.2)
+    zenith = MapDetail.of(points, np.arange(3), np.tile(HERE.rotation[2], (3, 1)))
+    assert zenith is not None
+    assert np.isfinite(zenith.across).all()
     bare = replace(points, albedo=None, albedo_map=None)
     assert MapDetail.of(bare, np.arange(3), np.tile(EAST, (3, 1))) is None
 
