@@ -370,12 +370,17 @@ def check_sun(
     ground = tried.ground_mcmf_m[rows]
     if (detail := MapDetail.of(catalog, points[rows], image.sun_directions(ground))) is None:
         return best
-    law = reflectance_model(best.law) if best.law else model
-    altered = (search_for(rows, detail.altered(sigmas)) for sigmas in (-1.0, 1.0))
-    some, share = np.arange(len(rows)), best.independent
-    turns = [_Tried(s, image, ground, turns_deg).best_turn(law, some, share) for s in altered]
-    by_map = 0.5 * (turns[1] - turns[0])
-    sigma = math.hypot(best.best_turn_sigma_deg, by_map) if math.isfinite(by_map) else math.inf
+    law, every = reflectance_model(best.law) if best.law else model, np.arange(len(rows))
+    less, more = (
+        _Tried(search_for(rows, detail.altered(sigmas)), image, ground, TURNS_DEG[:2]).check(
+            law, every, independent_share
+        )[0]
+        for sigmas in (-1.0, 1.0)
+    )
+    sigma = math.inf  # where altered maps have no best azimuth
+    if math.isfinite(less.best_turn_sigma_deg + more.best_turn_sigma_deg):
+        by_map = 0.5 * (more.best_turn_deg - less.best_turn_deg)
+        sigma = math.hypot(best.best_turn_sigma_deg, by_map)
     return replace(best, best_turn_sigma_deg=sigma, turned_by_map=True)
 
 
@@ -462,12 +467,6 @@ class _Tried:
             back, ahead = (np.array([mean_z(best + k) - mean_z(best)]) for k in (-1, 1))
             step = best_turn(back, ahead, 1.0, 1.0)[0]
         return replace(self, power=_POWER_STEP ** (best + step))
-
-    def best_turn(self, law: Reflectance, rows: Index, independent: float) -> float:
-        """Turn of the azimuth to the best one, degrees; NaN if there is none."""
-        z = fisher_z(self.under(law, rows, SIDEWAYS_DEG)[0])
-        turn, sigma = best_turn(z[1] - z[0], z[2] - z[0], TURNS_DEG[1][0], independent)
-        return turn if math.isfinite(sigma) else math.nan
 
     def best_raise(self, law: Reflectance, rows: Index, independent: float) -> tuple[float, float]:
         """Rise of the elevation to the best one, and its 1 sigma, degrees; infinite if there is none."""
