@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 
 FOUND = "found"
 MEANINGS = {
@@ -102,6 +102,16 @@ class Matches:
         """Number of points of each reason that occurs, in the order of `REASONS`."""
         seen = Counter(self.code.tolist())
         return {reason: seen[code] for code, reason in enumerate(REASONS) if seen[code]}
+
+    @property
+    def counted(self) -> str:
+        """Number of points of each reason, as text: ``12 found, 30 not lit``."""
+        return ", ".join(f"{count} {reason}" for reason, count in self.counts().items())
+
+    def agreeing(self, agrees: Mask) -> Matches:
+        """The matches, with those found that do not agree (n,) marked as inconsistent."""
+        code = np.where(self.found & ~agrees, CODE["inconsistent"], self.code)
+        return replace(self, code=code.astype(np.uint8))
 
 
 def joined(parts: Sequence[Matches]) -> Matches:

@@ -29,12 +29,7 @@ from ..landmarks.located import SIGNIFICANT, log10_false_alarms
 from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .common_errors import SharedTerrain, map_sigma_m, shadow_shift_px
-from .consensus import (
-    SHARE_IF_HERE,
-    Consensus,
-    agree,
-    agreeing,
-)
+from .consensus import SHARE_IF_HERE, Consensus, agree, agreeing
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, FOUND, Matches, joined
 from .point_choice import (
@@ -419,7 +414,7 @@ class _FixSearch:
             before, agrees = agrees, who(pose.sensor)
             if (agrees == before).all():
                 break
-        return pose, with_inliers(matches, agrees)
+        return pose, matches.agreeing(agrees)
 
     def solution(self, matches: Matches, agrees: Mask, doubt_px: float = 0.0) -> Pose:
         """The pose by the agreeing matches, without those that the catalogue knows and does not call
@@ -465,7 +460,7 @@ class _FixSearch:
             reason = (
                 f"too few points can be searched for: {count}, and at least "
                 f"{self.fewest(area, count)} are needed; of {len(matches)} that may be in view "
-                f"{_counted(matches)}"
+                f"{matches.counted}"
             )
             if self.if_here(reach, math.inf) <= SIGNIFICANT:
                 reason = (
@@ -516,7 +511,7 @@ class _FixSearch:
         residual = residuals_px(whole.pose.sensor, ground, found)
         pose = replace(whole.pose, used=used, residual_px=residual)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
-        return Fix.scored(LOCATED, reason, with_inliers(matches, used), whole, pose, whole.sun)
+        return Fix.scored(LOCATED, reason, matches.agreeing(used), whole, pose, whole.sun)
 
     def fewest(self, area: SearchArea, too_few: int) -> int:
         """Number of points of an area's median reach, more than ``too_few``, from which an image of
@@ -603,14 +598,3 @@ class _FixSearch:
 def corrected(image: Image, pose: Pose) -> Image:
     """A searched image with the corrected sensor."""
     return image.with_sensor(image.sensor.moved(pose.correction))
-
-
-def with_inliers(matches: Matches, agrees: Mask) -> Matches:
-    """The matches, with those found that do not agree marked as inconsistent."""
-    code = np.where(matches.found & ~agrees, CODE["inconsistent"], matches.code)
-    return replace(matches, code=code.astype(np.uint8))
-
-
-def _counted(matches: Matches) -> str:
-    """Number of points of each reason, as text: ``12 found, 30 not lit``."""
-    return ", ".join(f"{count} {reason}" for reason, count in matches.counts().items())
