@@ -58,7 +58,10 @@ def test_fewer_than_one_is_refused(count):
         limit_threads(count)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="GNU's OpenMP")
+@pytest.mark.skipif(
+    sys.platform != "linux",
+    reason="the spin count is GNU's, whose OpenMP numba takes on Linux alone",
+)
 @pytest.mark.parametrize(
     ("given", "spins"),
     [({}, 0), ({"GOMP_SPINCOUNT": "7"}, 7), ({"OMP_WAIT_POLICY": "active"}, 30_000_000_000)],

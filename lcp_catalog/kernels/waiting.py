@@ -7,8 +7,8 @@ import os
 
 def sleep_between_kernels() -> None:
     """Let threads that wait for the next kernel sleep, if it is called before numba loads OpenMP: GNU's would spin for
-    milliseconds after each kernel, a fifth of the processor time of a frame that is located. ``OMP_WAIT_POLICY`` of the
-    environment, where it is set, holds; it is not changed.
+    milliseconds after each kernel, a fifth of the processor time of a frame that is located, and on a busy machine take the
+    processor from what runs beside them. ``OMP_WAIT_POLICY`` of the environment, where it is set, holds; it is not changed.
     """
     if "OMP_WAIT_POLICY" in os.environ:
         return
