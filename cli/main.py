@@ -127,6 +127,7 @@ def main(argv: list[str] | None = None) -> None:
     """
     _open_standard_streams()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small, and workers many
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # idle threads take no processor time
     gc.set_threshold(100_000, 20, 20)  # imports make many objects and hardly any garbage
     sys.unraisablehook, sys.excepthook = _log_unraisable, _show_raised
     code = run(sys.argv[1:] if argv is None else argv)
