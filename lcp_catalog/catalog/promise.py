@@ -239,7 +239,8 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
     rows += [
         (
             f"  Sun {range_text(row['sun_elevation_deg'])}",
-            f"located with at least {row['located_probability']:.2f}, kept in {100.0 * row['kept_share']:.1f} %",
+            f"located with at least {row['located_probability']:.2f} (mean of places, the region's border too), "
+            f"kept in {100.0 * row['kept_share']:.1f} %",
         )
         for row in found["located_by_sun"]
     ]

@@ -43,6 +43,11 @@ SIDE_MAX_DEG = 75.0
 FARTHEST_DEG = 80.0
 """Views farther from the vertical are left out: hardly anything is seen of a surface there."""
 
+_SMALL_PART = 10.0
+"""Widths of a region in an image from which the build is for the image's share of it, and refused if that is nothing. In an image
+of more than one width the region's points alone must locate it: what the default footprint asks for.
+"""
+
 _PIXELS = 1024
 """Pixels along a side of an image of which the field of view alone is known; the views do not depend on it."""
 
@@ -222,7 +227,7 @@ def view_places(seen: Array) -> Array:
 
 def for_images(config: BuildConfig, seen: Seen, dems: DemSet) -> BuildConfig:
     """The configuration with the views of images, and with their Suns, cells, footprint and region where it leaves
-    those open. AreaError if the images see nothing of the DEM.
+    those open; the default footprint if an image sees more than the region. AreaError if the images see nothing of the DEM.
     """
     area, points = config.area, config.points
     if area.region is None and seen.bounds:
@@ -231,15 +236,17 @@ def for_images(config: BuildConfig, seen: Seen, dems: DemSet) -> BuildConfig:
             raise AreaError(f"the camera sees {seen.box}; the DEM covers {dems.bounds}")
         if box.east - box.west < 360.0 - 1e-9:
             area = replace(area, bounds_deg=tuple(box))
+    region = area.region or Area.from_bounds(*dems.bounds)
     if not (area.gsd_m or area.levels_m or area.altitudes_km):
-        region = area.region or Area.from_bounds(*dems.bounds)
         useful_m = useful_cell(dems, region).gsd_m
         cells = seen.cells_m(useful_m)
         if len(cells) > 1:
             area = replace(area, levels_m=cells)
         elif cells[0] > useful_m:
             area = replace(area, gsd_m=cells[0])
-    if points.footprint_km is None:
+    x0, x1, y0, y1 = region.extent_m
+    wider = 1e3 * seen.footprint_km / min(x1 - x0, y1 - y0)
+    if points.footprint_km is None and not 1.0 < wider < _SMALL_PART:
         points = replace(points, footprint_km=seen.footprint_km)
     sun = config.sun
     if not sun.elevations_deg and sun.azimuths_deg == SunConfig().azimuths_deg:

@@ -6,14 +6,17 @@ import math
 
 import numpy as np
 import pytest
+from helpers.catalogs import HADLEY
 from helpers.posed import camera
 
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.prediction import VIEW_REACH_DEG, view_plane
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import CameraError
-from lcp_catalog.production.camera_views import SIDE_MAX_DEG, Seen, view_places
-from lcp_catalog.production.config import SunConfig, ViewConfig
+from lcp_catalog.production.camera_views import SIDE_MAX_DEG, Seen, for_images, view_places
+from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig
+from lcp_catalog.production.point_config import PointConfig
 
 
 def directions(taken: Camera, pixels: np.ndarray) -> np.ndarray:
@@ -98,6 +101,28 @@ def test_a_wide_camera_sees_to_the_angle_of_the_sphere() -> None:
     seen = Seen.from_above(74.0, 110.0)
     side = math.asin((1.0 + 110e3 / MOON_RADIUS_M) * math.sin(math.radians(37.0)))
     assert np.abs(seen.views[:, 0]).max() == pytest.approx(math.degrees(side), abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("size_km", "own_km", "footprint_km"),
+    [
+        (150.0, None, 126.1),
+        (90.0, None, None),  # the region alone must locate a frame that sees all of it
+        (90.0, 200.0, 200.0),  # as it is stated: a part of a region that is merged
+        (10.0, None, 126.1),  # too small a part; refused by the promise
+    ],
+)
+def test_the_footprint_of_images(
+    size_km: float, own_km: float | None, footprint_km: float | None
+) -> None:
+    """A square of 111.8 km from straight above is as large as a circle of 126.1 km; on the sphere 1 to 2 % wider."""
+    seen = Seen.from_above(2.0 * math.degrees(math.atan(0.5)), 111.8)
+    config = BuildConfig(
+        area=AreaConfig(center_deg=(3.5, 26.0), size_km=size_km),
+        points=PointConfig(footprint_km=own_km),
+    )
+    found = for_images(config, seen, DemSet.open([HADLEY])).points.footprint_km
+    assert found == (footprint_km and pytest.approx(footprint_km, rel=0.02))
 
 
 @pytest.mark.parametrize(
