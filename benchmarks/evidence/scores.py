@@ -37,7 +37,7 @@ def kept(saved: Mapping[str, Any]) -> Claims:
 def share_near(claims: Claims) -> float:
     """Share of the usable points that were tried that were found within `GATE_SIGMAS` stated sigma."""
     usable = claims.usable & claims.tried
-    squared = np.nan_to_num(claims.squared_error, nan=np.inf)
+    squared = np.nan_to_num(claims.squared_distance, nan=np.inf)
     near = claims.found & (squared <= GATE_SIGMAS**2)
     return float(near[usable].mean()) if usable.any() else float("nan")
 

@@ -130,7 +130,7 @@ class Claims:
         return ellipse_covariance(self.sigma_m, self.angle_deg)
 
     @property
-    def squared_error(self) -> Array:
+    def squared_distance(self) -> Array:
         """Squared errors (n,) in units of the claimed covariance; the expectation is 2. NaN where
         one of the two is unknown.
         """
@@ -200,7 +200,7 @@ def score(claims: Claims) -> Scores:
     p, found, usable = claims.probability[use], claims.found[use], claims.usable[use]
     share = _mean(found)
     reliability = bins(p, found)
-    squared = claims.squared_error[use & claims.usable & claims.found]
+    squared = claims.squared_distance[use & claims.usable & claims.found]
     squared = squared[np.isfinite(squared)]
     median = float(np.median(squared)) if len(squared) else math.nan
     return Scores(

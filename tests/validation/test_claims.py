@@ -106,7 +106,7 @@ def test_true_claims_score_as_theory_says() -> None:
 def test_errors_cut_off_at_three_sigma_have_a_known_mean() -> None:
     """Of chi-squared with two degrees of freedom below 9: 1 - 4.5 exp(-4.5) / (1 - exp(-4.5))."""
     claims = verdicts.claims(300_000, seed=3)
-    near = claims.squared_error <= 9.0
+    near = claims.squared_distance <= 9.0
     found = score(replace(claims, found=claims.found & near))
     wanted = 1.0 - 4.5 * math.exp(-4.5) / (1.0 - math.exp(-4.5))
     assert wanted == pytest.approx(0.95, abs=0.001)
