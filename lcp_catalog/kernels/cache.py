@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import llvmlite
+import llvmlite.binding
 import numba
 from numba.core import config, environment, event
 from numba.core.runtime.nrt import rtsys
@@ -153,9 +153,11 @@ class _Files:
             body = _read(folder / name)
             if body is not None:
                 try:
-                    return numba.core.compiler.CompileResult._rebuild(
-                        context, *_Unpickler(io.BytesIO(body)).load()
-                    )
+                    kept = _Unpickler(io.BytesIO(body)).load()
+                    if LINKED:  # numba asks this before it asks LLVM for an entry's address
+                        known = context.codegen()._engine._defined_symbols
+                        known.add(kept[1].llvm_cpython_wrapper_name)
+                    return numba.core.compiler.CompileResult._rebuild(context, *kept)
                 except Exception:  # whatever an unreadable file raises: it is compiled again
                     log.debug("%s is not used", folder / name, exc_info=True)
         return None
@@ -165,7 +167,14 @@ class _Files:
         if result.library.has_dynamic_globals or not all(x.can_cache for x in result.lifted):
             return
         name = file_name(self.kernel, repr(signature))
-        body = dumps(result._replace(type_annotation="")._reduce())  # it names places of the source
+        # the annotation names places of the source
+        library, *others = result._replace(type_annotation="")._reduce()
+        if LINKED and library[1] == "object":
+            # Beside machine code numba keeps LLVM's, to link it into other kernels, which are here compiled with parts
+            # (`_PartFiles`): reading it would take longer than reading the machine code.
+            code, nothing = library[2][0], llvmlite.binding.parse_assembly("").as_bitcode()
+            library = *library[:2], (code, nothing)
+        body = dumps((library, *others))
         for place in _PLACES:  # compiled code that raises errors names its source
             body = body.replace(place, b"./" * (len(place) // 2) + b"/" * (len(place) % 2))
         for folder in _own_folders():

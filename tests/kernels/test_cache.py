@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import stat
@@ -12,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
 import pytest
 
@@ -51,6 +53,18 @@ def test_a_kernel_is_compiled_once_and_for_each_type(own: Path) -> None:
     assert half(3) == (1.5, False)
     assert half(3) == (1.5, True)
     assert len(list(own.iterdir())) == 2
+
+
+def test_a_file_keeps_machine_code_alone(own: Path) -> None:
+    """numba reads LLVM's code, too, for kernels that call this one: they have its part instead."""
+    half()
+    body = cache._read(only_file(own))
+    assert body is not None
+    (_, kind, (machine_code, llvm_code)), *_ = cache._Unpickler(io.BytesIO(body)).load()
+    assert kind == "object"
+    assert len(machine_code) > 1000
+    assert not list(llvmlite.binding.parse_bitcode(llvm_code).functions)
+    assert half() == (1.5, True)
 
 
 DAMAGES: dict[str, Callable[[bytes], bytes]] = {
