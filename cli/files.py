@@ -144,7 +144,10 @@ class FileCommand(click.Command):
             write_example(self.example, formatter)
 
     def invoke(self, ctx: click.Context) -> Any:
+        from lcp_catalog.memory import keep_memory
+
         runs(self)
+        keep_memory()
         refuse_same_files(ctx)
         _refuse_endings(ctx)
         _check_outputs(ctx)

@@ -126,7 +126,8 @@ def main(argv: list[str] | None = None) -> None:
     130 interrupted, 143 and 129 stopped by SIGTERM and SIGHUP.
     """
     _open_standard_streams()
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # matrices are small, and workers many
+    # matrices are small, and workers many; a process of one thread has its file checked without a fresh interpreter
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # idle threads take no processor time
     gc.set_threshold(100_000, 20, 20)  # imports make many objects and hardly any garbage
     sys.unraisablehook, sys.excepthook = _log_unraisable, _show_raised

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,9 +25,6 @@ if TYPE_CHECKING:
     from lcp_catalog.navigation.documents import TrajectoryChart
     from lcp_catalog.navigation.expected_position import Answer, Query
     from lcp_catalog.navigation.frame_points import PlannedImage
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-"""The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
 
 POINTS_SHOWN = 12
 """Rows of the table on a terminal."""

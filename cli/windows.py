@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +21,6 @@ from .value_types import POSITIVE
 
 if TYPE_CHECKING:
     from lcp_catalog.navigation.site_windows import SiteWindows
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-"""The matrices are small; and a process of one thread has its file checked without a fresh interpreter."""
 
 
 @dataclass(frozen=True)

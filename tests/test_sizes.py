@@ -105,7 +105,7 @@ BUDGETS = {
     # 33: 112 went, the tables of the Sun and rules of what goes together are the library's
     # 38: 5 keys of another build as options of its command
     # 38: 8 went, a copy of a dataclass; 35: 2 the promise that a plan keeps
-    "code lines, cli": 4290,
+    "code lines, cli": 4288,
     # 45 000 are wanted (issue 33); what issues 34 to 39 added is more than that, what is told twice went
     # 235 what a trade's answer took and changed in two builds, whence the figures of errors are
     # 753 why claims are off by the size of the pixel, low Suns taken apart, a cure that was tried (35)

@@ -261,11 +261,6 @@ def chunk_grids(
     return found
 
 
-def file_grids(file: h5py.File) -> dict[str, ChunkGrid]:
-    """The chunks of the variables of an open file, but those of the table itself."""
-    return _grids(_members(file))
-
-
 def _grids(members: Iterable[tuple[str, Any]]) -> dict[str, ChunkGrid]:
     return chunk_grids(
         {

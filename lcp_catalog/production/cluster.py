@@ -7,14 +7,11 @@ there, and dropped.
 
 from __future__ import annotations
 
-import ctypes
-import functools
 import gc
 import io
 import json
 import logging
 import pickle
-import platform
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -25,6 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from .._version import __version__
 from ..atomic_files import content_of, file_facts, know_sums, known_sums
 from ..errors import ClusterError, ConfigError
+from ..memory import keep_memory
 from ..remote_files import absolute
 from ..threads import limit_threads
 from .code_facts import code_facts, differences
@@ -39,11 +37,6 @@ log = logging.getLogger(__name__)
 
 _AHEAD = 2
 """Tasks in the cluster for each of its threads: one runs, one waits."""
-
-_THRESHOLDS = {-1: 64 << 20, -3: 32 << 20}
-"""`M_TRIM_THRESHOLD` and `M_MMAP_THRESHOLD` of <malloc.h>: what glibc raises them to by itself where the environment does not fix
-them.
-"""
 
 _CONNECT_S = 10
 _PATIENCE_S = 60.0
@@ -125,21 +118,11 @@ def run_on_worker(
     if difference := expected.difference():
         return ClusterError(f"worker {get_worker().address}: {difference}")
     limit_threads(1)
-    _keep_memory()
+    keep_memory()  # dask's nanny sets `MALLOC_TRIM_THRESHOLD_`: every large array would go back
     try:
         return function(pickle.loads(task))
     except Exception as error:  # the sender decides about the other tasks
         return error
-
-
-@functools.cache
-def _keep_memory() -> None:
-    """Let this process keep the memory of an area for the next one, with glibc. dask's nanny sets
-    ``MALLOC_TRIM_THRESHOLD_``, by which every large array goes back to the system and is faulted in again.
-    """
-    if platform.libc_ver()[0] == "glibc":
-        for parameter, size in _THRESHOLDS.items():
-            ctypes.CDLL(None).mallopt(parameter, size)
 
 
 class _AbsolutePaths(pickle.Pickler):

@@ -42,6 +42,7 @@ from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
+from ..threads import thread_count
 from .costs import WITHIN, priced
 from .pipeline import prepare
 from .renderer import Rendering
@@ -92,7 +93,7 @@ def geotiff(
     with warnings.catch_warnings(), MemoryFile() as plain, MemoryFile(ext=".tif") as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
         with plain.open(
-            driver="GTiff",
+            driver="MEM",
             width=columns,
             height=rows,
             count=len(bands),
@@ -110,21 +111,24 @@ def geotiff(
                 shown = [colours.get(name, "undefined") for name in bands]
                 file.colorinterp = tuple(ColorInterp[name] for name in shown)
             file.update_tags(**tags)
-        with rasterio.Env.from_defaults(**_HOW):
-            shutil.copy(  # other threads run meanwhile, which say that the command does
-                plain.name,
-                memory.name,
-                driver="COG",
-                blocksize=TILE,
-                compress="deflate",
-                level=1,  # smaller files of floats than the default's, in 0.7 of its time
-                predictor="floating_point",
-                bigtiff="if_safer",
-                overview_resampling="average",
-                statistics="yes",
-            )
+            # GDAL would compress overviews twice, first for itself
+            with rasterio.Env.from_defaults(COG_TMP_COMPRESSION="NONE"):
+                shutil.copy(  # other threads run meanwhile, which say that the command does
+                    file,
+                    memory.name,
+                    driver="COG",
+                    blocksize=TILE,
+                    compress="deflate",
+                    level=1,  # smaller files of floats than the default's, in 0.7 of its time
+                    predictor="floating_point",
+                    bigtiff="if_safer",
+                    overview_resampling="average",
+                    statistics="yes",
+                    num_threads=thread_count(),
+                )
         # GDAL goes on without a text, a number, a CRS, pixels or an overview that lacks memory
-        with MemoryFile(content := bytes(memory.getbuffer())) as copy, copy.open() as written:
+        content = bytes(memory.getbuffer())
+        with MemoryFile(content) as copy, copy.open(num_threads=thread_count()) as written:
             kept = [
                 dict(tags).items() <= written.tags().items(),
                 written.descriptions == tuple(bands),
@@ -132,10 +136,7 @@ def geotiff(
                 or (_name_of(written.crs) == _name_of(crs) and not written.transform.is_identity),
                 units is None or written.units == tuple(units),
                 bool(written.overviews(1)) == (max(rows, columns) > TILE),
-                *(
-                    np.array_equal(written.read(index), np.asarray(band, dtype), equal_nan=True)
-                    for index, band in enumerate(bands.values(), start=1)
-                ),
+                all(map(_same_bits, written.read(), bands.values())),
                 *(
                     written.tags(index).keys() >= _STATISTICS or bool(np.isnan(band).all())
                     for index, band in enumerate(bands.values(), start=1)
@@ -146,8 +147,10 @@ def geotiff(
         return content
 
 
-_HOW = {"COG_TMP_COMPRESSION": "NONE"}
-"""GDAL would compress overviews twice, first for itself: 0.3 of the time of a file."""
+def _same_bits(read: NDArray[Any], band: ArrayLike) -> bool:
+    """Whether a band that was read is the one that was written."""
+    return read.tobytes() == np.asarray(band, read.dtype).tobytes()
+
 
 _STATISTICS = {
     f"STATISTICS_{name}" for name in ("MAXIMUM", "MEAN", "MINIMUM", "STDDEV", "VALID_PERCENT")

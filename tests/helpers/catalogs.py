@@ -345,7 +345,7 @@ def sign(file: h5py.File) -> None:
     table = file[f"{integrity.INTEGRITY}/{integrity.TABLE}"]
     digests = [
         integrity.chunk_digest(stored, mask)
-        for path, grid in integrity.file_grids(file).items()
+        for path, grid in integrity._grids(integrity._members(file)).items()
         for number in range(grid.first, grid.first + len(grid))
         for mask, stored in [file[path].id.read_direct_chunk(grid.offset(number))]
     ]
