@@ -86,13 +86,16 @@ class PromisedPlaces:
         least_m = _COARSEST * math.sqrt(ground_m2 / most)
         footprint_m = points.footprint_m(gsd_m, min(x1 - x0, y1 - y0), least_m)
         at, reach_m, radius_m = _placed(region, points, gsd_m, footprint_m, most)
-        if radius_m < reach_m / 4.0:
+        if reach_m > 4.0 * radius_m:
             least_km = math.ceil((reach_m / 0.4 + points.diagonal_m(gsd_m)) / 1e3)
-            while reach_m > 4.0 * radius_m:
-                at, reach_m, radius_m = _placed(region, points, gsd_m, 1e3 * least_km, most)
+            while not _works(region, points, gsd_m, least_km, most):
                 least_km += 1
-            helps = f"give {least_km - 1} km or more (or "
-            if not _promised(region, at, 1e3 * (least_km - 1) / 2.0, demand).any():
+            # The reach at the stated width was the guess: that of a larger one can be less.
+            while _works(region, points, gsd_m, least_km - 1, most):
+                least_km -= 1
+            at = _placed(region, points, gsd_m, 1e3 * least_km, most)[0]
+            helps = f"give {least_km} km or more (or "
+            if not _promised(region, at, 1e3 * least_km / 2.0, demand).any():
                 helps = "no width helps (give "
             raise ConfigError(
                 f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too small for this "
@@ -120,6 +123,12 @@ def _placed(
     at = _lattice(region, footprint_m, near, most)
     reach_m = _reach_m(region, at) if len(at.lon_deg) else 0.0
     return at, reach_m, (footprint_m - points.diagonal_m(gsd_m)) / 2.0 - reach_m
+
+
+def _works(region: Area, points: PointConfig, gsd_m: float, footprint_km: int, most: int) -> bool:
+    """True if a footprint of this width is not small beside the distance of its places."""
+    _, reach_m, radius_m = _placed(region, points, gsd_m, 1e3 * footprint_km, most)
+    return reach_m <= 4.0 * radius_m
 
 
 def _promised(region: Area, at: Places, radius_m: float, demand: int) -> Bytes:

@@ -365,11 +365,13 @@ def test_every_location_has_a_place_within_the_reach(
     assert away_m.max() <= places.footprint_m / 2.0 - half_m - places.radius_m < 1.5 * away_m.max()
 
 
-@pytest.mark.parametrize(("size_km", "conditions"), [(30.0, 1320), (150.0, 26_400)])
+@pytest.mark.parametrize(("size_km", "conditions"), [(30.0, 1320), (80.0, 26_400), (150.0, 26_400)])
 def test_a_small_footprint_is_refused_with_the_least_that_works(
     size_km: float, conditions: int
 ) -> None:
-    """Where places are as dense as is wanted, and where so many conditions leave room for few."""
+    """Where places are as dense as is wanted, and where so many conditions leave room for few; of 80 km 27 km was named, and
+    26 km worked.
+    """
     region = Area(3.5, 26.0, size_km)
     with pytest.raises(ConfigError, match=r"give \d+ km or more") as refused:
         PromisedPlaces.of(region, PointConfig(footprint_km=10.0), 474.0, conditions, 165)
