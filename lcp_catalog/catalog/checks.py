@@ -241,9 +241,11 @@ def _albedo_map_problem(found: Any) -> str:
         isinstance(found, dict)
         and all(_is_name(found.get(name)) for name in names)
         and _is_number(found.get("reference"))
+        and _is_number(pixel_m := found.get("pixel_m", 1.0))
+        and pixel_m > 0.0
         and not _sources_problem(found.get("files"))
     ):
-        return "has not name, encoding, reference, reference_is and files"
+        return "has not name, encoding, reference, reference_is, files and a pixel's side"
     return ""
 
 

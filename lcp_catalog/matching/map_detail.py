@@ -11,6 +11,7 @@ to 0.91, rest 0.011 to 0.023 per unit of slope): `MISSING` (width in pixels)^-0.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from ..catalog.catalogue import Catalog
 
 MISSING = 1.36
 """1 sigma of what detail adds to the dependence of the map's brightness on slopes, as a share of it, for patches of one pixel."""
-_PIXEL_M = 2665.0  # of the package's map and the sample's; catalogues do not store that of theirs
+_PIXEL_M = 2665.0  # of the package's map, for catalogues that do not state that of theirs
 _LEAST = 1e-4  # of the mean albedo, below which a logarithm is cut
 
 
@@ -35,7 +36,7 @@ class MapDetail:
     @classmethod
     def of(cls, catalog: Catalog, rows: Index, suns_mcmf: Array) -> MapDetail | None:
         """Rows (n,) of a catalogue under their Suns (n, 3), unit vectors; None without an albedo map."""
-        if catalog.albedo is None:
+        if catalog.albedo is None or catalog.albedo_map is None:
             return None
         some = catalog.take(rows, np.zeros(0, np.int64))
         gsd = np.asarray(some.gsd, np.float64)
@@ -50,7 +51,8 @@ class MapDetail:
         bright = _uneven(np.log(np.maximum(albedo, _LEAST)))
         both = np.stack([across.ravel(), along.ravel()], axis=1)
         lean = np.linalg.lstsq(both, bright.ravel(), rcond=None)[0]
-        share = MISSING * (some.dem.shape[1] * gsd / _PIXEL_M) ** -0.8
+        pixel_m = catalog.albedo_map.get("pixel_m", _PIXEL_M)
+        share = MISSING * (some.dem.shape[1] * gsd / pixel_m) ** -0.8
         return cls(some, across, np.minimum(share, 1.0) * float(np.hypot(*lean)))
 
     def altered(self, sigmas: float) -> Catalog:
@@ -59,6 +61,15 @@ class MapDetail:
         assert albedo is not None
         changed = albedo * np.exp(sigmas * self.sigma[:, None, None] * self.across)
         return replace(self.catalog, albedo=changed.astype(albedo.dtype))
+
+
+def of_contrasts(catalog: Catalog, rows: Index, powers: Sequence[float]) -> Iterator[Catalog]:
+    """Rows (n,) of a catalogue, the brightness of its albedo map to each of some powers; none without a map."""
+    if catalog.albedo is None:
+        return
+    some = catalog.take(rows, np.zeros(0, np.int64))
+    for power in powers:
+        yield replace(some, albedo=(np.asarray(some.albedo) ** power).astype(np.float32))
 
 
 def _uneven(values: Array) -> Array:

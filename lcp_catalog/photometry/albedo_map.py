@@ -325,8 +325,8 @@ class AlbedoMap:
         } | origin
 
     def provenance(self) -> dict[str, Any]:
-        """`describe`, with name, size and SHA-256 of every file."""
-        return self.describe() | {"files": file_facts(self.files)}
+        """`describe`, with the side of a pixel at true scale, and name, size and SHA-256 of every file."""
+        return self.describe() | {"pixel_m": self.pixels.gsd_m, "files": file_facts(self.files)}
 
     def __str__(self) -> str:
         return json.dumps(self.describe(), sort_keys=True)

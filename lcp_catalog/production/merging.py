@@ -489,7 +489,9 @@ def _require_compatible(first: _Input, other: _Input) -> None:
     ]
     pairs.append(("patch_nodes", one.patch_nodes, two.patch_nodes))
     if one.albedo_map and two.albedo_map:
-        pairs.append(("albedo_map", one.albedo_map, two.albedo_map))
+        # Files of earlier versions do not state the pixel, which follows from the map.
+        a, b = ({**of, "pixel_m": 0.0} for of in (one.albedo_map, two.albedo_map))
+        pairs.append(("albedo_map", a, b))
     free = {*_OF_PLACES, "by_place"}
     if not (_place_follows(one.errors) and _place_follows(two.errors)):
         free -= {"position_sigma_m"}

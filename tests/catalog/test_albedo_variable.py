@@ -61,6 +61,11 @@ def brightness_map(path: Path, west: float = 178.5, columns: int = 560) -> Path:
     return geotiff(path, values, west * DEGREE_M, 11.5 * DEGREE_M, DEGREE_M / 200)
 
 
+def state(file: h5py.File, **facts: Any) -> None:
+    """Write other facts about the map into a file."""
+    file.attrs["albedo_map"] = json.dumps(json.loads(file.attrs["albedo_map"]) | facts)
+
+
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Terrain without relief, from which no point can be made."""
@@ -167,6 +172,7 @@ def test_the_file_says_where_it_comes_from(built: tuple[Build, Path], catalog: C
     assert source["files"][0]["size"] == mapped.stat().st_size
     assert len(source["files"][0]["sha256"]) == 64
     assert (source["encoding"], source["reference"]) == ("linear", 0.5)
+    assert source["pixel_m"] == pytest.approx(DEGREE_M / 200)
     assert 'albedo = "spots.tif"' in config  # no folder
     assert str(mapped.parent) not in config + plan
     decision = next(d for d in json.loads(plan)["decisions"] if d["effect"] == "albedo")
@@ -308,6 +314,10 @@ class TestTheFile:
             (lambda file: file.attrs.__delitem__("albedo_map"), "albedo_map is missing"),
             (lambda file: file.__delitem__("albedo"), "albedo: the variable is missing"),
             (lambda file: file.attrs.__setitem__("albedo_map", "{"), "albedo_map: is not JSON"),
+            *(
+                (lambda file, pixel=pixel: state(file, pixel_m=pixel), "a pixel's side")
+                for pixel in (0.0, -5.0, "5")
+            ),
             (lambda file: file["albedo"].attrs.__setitem__("units", "m"), "albedo: units is m"),
         ],
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +62,36 @@ def test_slopes_across_the_sun_are_altered_by_a_share_of_what_the_map_has(
     changed = np.log(detail.altered(-2.0).albedo / points.albedo)
     wanted = -2.0 * detail.sigma[0] * (east * math.cos(turn) - north * math.sin(turn))
     np.testing.assert_allclose(changed, wanted, atol=2e-5)
+
+
+@pytest.mark.parametrize(("pixels_a_degree", "pixel_m"), [(50, 606.5), (6, 5053.9)])
+def test_a_map_of_another_pixel_lacks_other_detail(
+    pixels_a_degree: int, pixel_m: float, tmp_path: Path
+) -> None:
+    """30.323 km are a degree. A finer map lacks less, a coarser one more, at most as much as it has; a catalogue that does not
+    state the pixel has that of the package's map.
+    """
+    points, *_ = leaning(0.3, -0.2)
+    kind = {"driver": "GTiff", "width": 6, "height": 6, "count": 1, "dtype": "float32"}
+    with rasterio.open(MAP) as source:
+        kind["crs"] = source.crs
+    side_m = np.radians(1.0) * 1737400.0 / pixels_a_degree
+    path = tmp_path / "own.tif"
+    with rasterio.open(path, "w", **kind, transform=rasterio.transform.from_origin(0.0, 0.0, side_m, side_m)) as made:  # fmt: skip
+        made.write(np.full((6, 6), 0.5, np.float32), 1)
+    told = AlbedoMap.open(path).provenance()
+    silent = {name: value for name, value in told.items() if name != "pixel_m"}
+
+    def sigma(albedo_map: dict[str, Any]) -> float:
+        some = replace(points, albedo_map=albedo_map)
+        detail = MapDetail.of(some, np.arange(30), np.tile(EAST, (30, 1)))
+        assert detail is not None
+        return float(detail.sigma[0])
+
+    whole = sigma(told | {"pixel_m": 1e9})
+    share = 1.36 * (25 * CELL_M / pixel_m) ** -0.8
+    assert sigma(told) / whole == pytest.approx(min(share, 1.0), rel=1e-3)
+    assert sigma(silent) == sigma(told | {"pixel_m": 2665.0})
 
 
 def test_around_a_pole_the_direction_that_is_bright_is_one() -> None:
