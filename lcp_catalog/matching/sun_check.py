@@ -32,8 +32,9 @@ law the check is made. A glance never refuses a Sun.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -44,7 +45,7 @@ from ..ephemeris.solar_position import direction_from_angles
 from ..geometry.frames import Direction, EnuFrame, mcmf_to_lonlat
 from ..images.image import Image
 from ..photometry.laws import Reflectance, reflectance_model
-from .map_detail import MapDetail
+from .map_detail import MapDetail, of_contrasts
 from .point_choice import evenly
 from .point_search import Criteria, FoundPlaces, SearchImage
 
@@ -90,6 +91,12 @@ Downwards the sigma is subtracted: a DEM that lacks relief lowers the best eleva
 """
 _NEARLY_ALL = 0.88
 """Share of the points that correlate better under the lowered Sun, which is named: at most 0.85 did under the right Sun."""
+_OTHERWISE_DEG = 42.0
+_CONTRASTS = (0.9, 1.1)
+"""Elevation above which an elevation must not fit under the law of a rough surface or another contrast of the albedo map, either.
+The less a Sun shades, the more the best elevation depends on both. Brightness of two maps of one mosaic, in patches of 16 km, goes
+with another power from square to square of 150 km, by 12 to 15 % (1 sigma).
+"""
 _POWER_STEP, _POWER_STEPS = 1.5, 3
 """Factor between powers of the brightness tried, and most of them: 0.3 to 3.4, for sRGB taken as linear and the reverse."""
 _HIGHEST = 4.0  # log tan of 88.95 deg
@@ -130,6 +137,7 @@ class SunCheck:
     elevation_deg: float = math.nan  # of the stated Sun; NaN if others were tried than `TURNS_DEG`
     best_raise_deg: float = 0.0  # from the stated elevation to the best one, `best_turn`
     best_raise_sigma_deg: float = math.inf
+    fits_otherwise: bool = False  # the elevation, under another law or contrast of the map
 
     @property
     def preferred(self) -> int | None:
@@ -177,10 +185,10 @@ class SunCheck:
     @property
     def elevation_fits(self) -> bool:
         """False if the stated elevation is probably wrong: nearly all points prefer a Sun lowered by 10 deg, or the best
-        elevation is farther from the stated one than `RAISE_LIMITS_DEG`. Nothing is judged for fewer than `_FEWEST`
-        independent points.
+        elevation is farther from the stated one than `RAISE_LIMITS_DEG`; above `_OTHERWISE_DEG` also with
+        other laws and maps. Nothing is judged for fewer than `_FEWEST` independent points.
         """
-        if math.isnan(self.elevation_deg) or self.independent < _FEWEST:
+        if math.isnan(self.elevation_deg) or self.independent < _FEWEST or self.fits_otherwise:
             return True
         if self.shares[LOWERED] > _NEARLY_ALL:
             return False
@@ -363,11 +371,15 @@ def check_sun(
             best, most = replace(other, law=law.name, least_doubt_px=own.doubt_px), gain
     if turns_deg != TURNS_DEG:
         return best
-    raised = tried.bent(model, glance).best_raise(model, rows, best.independent)
+    bent = tried.bent(model, glance)
+    raised = bent.best_raise(model, rows, best.independent)
     best = replace(best, best_raise_deg=raised[0], best_raise_sigma_deg=raised[1])
+    ground = tried.ground_mcmf_m[rows]
+    with_maps = (search_for(rows, one) for one in of_contrasts(catalog, points[rows], _CONTRASTS))
+    otherwise = _fits_otherwise(best, bent, rows, with_maps, model)
+    best = replace(best, fits_otherwise=otherwise)
     if not best.turned or best.outdone:
         return best
-    ground = tried.ground_mcmf_m[rows]
     if (detail := MapDetail.of(catalog, points[rows], image.sun_directions(ground))) is None:
         return best
     law, every = reflectance_model(best.law) if best.law else model, np.arange(len(rows))
@@ -382,6 +394,27 @@ def check_sun(
         by_map = 0.5 * (more.best_turn_deg - less.best_turn_deg)
         sigma = math.hypot(best.best_turn_sigma_deg, by_map)
     return replace(best, best_turn_sigma_deg=sigma, turned_by_map=True)
+
+
+def _fits_otherwise(
+    check: SunCheck, own: _Tried, rows: Index, with_maps: Iterable[Search], model: Reflectance
+) -> bool:
+    """True if a high elevation that does not fit does so under the law of a rough surface or with another map, whose best one lies
+    among the Suns tried.
+
+    ``rows``: of the points of ``own``, which each of the searches ``with_maps`` has alone.
+    """
+    if check.elevation_fits or check.elevation_deg < _OTHERWISE_DEG:
+        return False
+    ground, every = own.ground_mcmf_m[rows], np.arange(len(rows))
+    others = ((replace(own, search=one, ground_mcmf_m=ground), every) for one in with_maps)
+    for (tried, some), law in product(
+        ((own, rows), *others), (model, reflectance_model(REFERENCE_LAW))
+    ):
+        other, _ = tried.check(law, some, check.independent / len(rows))
+        if other.elevation_fits and abs(other.best_raise_deg) < _SEEN_DEG:
+            return True
+    return False
 
 
 def _most_gain(gain: Array, majority: float = 0.5) -> bool:

@@ -9,15 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import small_world
+from helpers.catalogs import ALBEDO_MAP
 from helpers.small_world import HADLEY, World, overhead
 
 from lcp_catalog.cameras.frame_camera import Camera
-from lcp_catalog.geometry.frames import direction_enu
+from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching import sun_check
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria, SearchImage
-from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck, with_sun
+from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck, check_sun, with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
 SEARCHED = reflectance_model("lommel-seeliger")
@@ -127,3 +129,61 @@ def test_without_its_power_the_brightness_moves_the_best_elevation(
         for power in (1 / 2.2, 2.2)
     )
     assert high.best_raise_deg - low.best_raise_deg > 4.0
+
+
+@pytest.mark.parametrize(
+    ("elevation_deg", "hapke_deg", "scatter", "power", "fits"),
+    [
+        (50.0, 2.0, 0.0, 0.0, True),
+        (50.0, 5.0, 0.0, 0.0, False),  # nor does it fit under the other law
+        (35.0, 2.0, 0.0, 0.0, False),  # below, no law is asked
+        (60.0, -20.0, 1.5, 0.0, False),  # the sigma alone would allow it
+        (50.0, 8.0, 0.0, 0.9, True),
+        (50.0, 8.0, 0.0, 1.1, True),
+        (50.0, 8.0, 0.0, 1.2, False),  # as far no map is wrong
+        (35.0, 8.0, 0.0, 0.9, False),
+    ],
+)
+def test_a_high_suns_elevation_may_fit_under_the_law_of_a_rough_surface_or_with_another_map(
+    points,
+    world,
+    monkeypatch,
+    elevation_deg: float,
+    hapke_deg: float,
+    scatter: float,
+    power: float,
+    fits: bool,
+) -> None:
+    """Points that correlate best under a Sun 8 deg higher, with Hapke under one that is higher by ``hapke_deg``, with the map's
+    brightness to a power (0: none) by 2 deg; each loses with the square of the distance, in log tan.
+    """
+    monkeypatch.setattr(sun_check, "LAWS", ())
+    photo = world.photo(overhead(), (100.0, elevation_deg), law=SEARCHED)
+    rows = points_in_view(points, photo.sensor)[:20]
+    if power:
+        bright = np.full(points.dem.shape, 2.0, np.float32)
+        points = replace(points, albedo=bright, albedo_map=ALBEDO_MAP)
+    middle = points.position_mcmf[rows].mean(axis=0)
+    here = EnuFrame(*(float(v) for v in mcmf_to_lonlat(middle)[:2]))
+    stated = float(azimuth_elevation(here.direction_from_mcmf(photo.sun_directions(middle)))[1])
+    noise = np.linspace(-scatter, scatter, len(rows))
+
+    def search_for(which: np.ndarray, catalog: Catalog | None):
+        assert catalog is None or len(catalog) == len(rows)
+        used = 1.0 if catalog is None else float(np.log2(catalog.albedo[0, 0, 0]))
+
+        def search(moved: Image, law, some: np.ndarray, _power: float):
+            sun = here.direction_from_mcmf(moved.sun_directions(middle))
+            azimuth, up = (float(v) for v in azimuth_elevation(sun))
+            best = stated + (hapke_deg if law.name == "hapke" else 8.0)
+            best = stated + 2.0 if power and abs(used - power) < 1e-3 else best
+            off = np.log(np.tan(np.radians(up)) / np.tan(np.radians(best)))
+            off = off - noise[some] * (law.name == "hapke")
+            return np.tanh(1.0 - off**2 - 1e-4 * (azimuth - 100.0) ** 2), np.zeros((len(some), 2))
+
+        return search
+
+    check = check_sun(search_for, points, rows, photo, SEARCHED)
+    assert check.best_raise_deg == pytest.approx(8.0, abs=0.01)
+    assert check.elevation_fits == fits
+    assert check.fits
