@@ -228,7 +228,7 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
         name = f"promise, {level['gsd_m']:g} m" if found["levels"] else "promise"
         text = (
             f"{promised_text(level)} in every footprint of {level['footprint_km']:.4g} km: kept in "
-            f"{100.0 * level['kept_share']:.1f} % of {level['conditions']} places x views x Suns"
+            f"{100.0 * level['kept_share']:.1f} % of {level['conditions']} places x the catalogue's views x Suns"
         )
         rows.append((name, text))
         if level["causes"]:

@@ -133,7 +133,15 @@ class Fix:
         """The result in short: an image has hundreds of matches."""
         count = f"{self.matches.found.sum()} of {len(self.matches.point)} points found"
         sigma = "" if self.pose is None else f", 1 sigma {self.pose.position_sigma_m:.4g} m"
-        return f"<Fix: {self.verdict}, {count}{sigma}>"
+        doubt = "; its Sun may be wrong (`advice`)" if self.advice else ""
+        return f"<Fix: {self.verdict}, {count}{sigma}{doubt}>"
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """A line for each angle of the Sun that may be wrong although the position is given."""
+        if self.pose is None or self.sun is None:
+            return ()
+        return tuple(filter(None, (self.sun.azimuth_advice, self.sun.elevation_advice)))
 
     @classmethod
     def scored(

@@ -353,13 +353,11 @@ def _advice(
         return (opposite,)
     if located.pose is None:
         return ()
-    light = located.sun
-    suns = (light.azimuth_advice, light.elevation_advice) if light else ()
     distortion = distortion_advice(located, catalog, image)
     albedo = ""
     if ground is not None and request.dems is not None and not request.albedo:
         albedo = albedo_advice(ground.windows)
-    return tuple(text for text in (*suns, distortion, albedo) if text)
+    return tuple(text for text in (*located.advice, distortion, albedo) if text)
 
 
 def _perhaps_seen(request: Validation, catalog: Catalog, image: Image, options: Options) -> Catalog:

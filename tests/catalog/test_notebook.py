@@ -18,6 +18,7 @@ import pytest
 import rasterio
 from astropy.time import Time
 from helpers import catalogs, navigable, posed, verdicts
+from helpers.suns import light
 
 import lcp_catalog as lcp
 from lcp_catalog import errors
@@ -159,6 +160,9 @@ def test_results_have_short_texts_with_plain_numbers() -> None:
     site = ground.windows(catalogs.CENTER, "2026-01-01", "2026-04-01", "1h")
     found, places = verdicts.matches(500)
     fix = Fix(LOCATED, "", found, verdicts.solved(found, places))
+    doubtful = replace(fix, sun=replace(light(0.2), best_turn_deg=9.0, turned_by_map=True))
+    assert fix.advice == replace(doubtful, pose=None).advice == ()
+    assert [line[:24] for line in doubtful.advice] == ["the Sun's azimuth may be"]
     dem = lcp.dem_info(catalogs.HADLEY)
     assert "np." not in f"{dem.files}{dem.whole}"
     in_view = answer.counts["in_view"]
@@ -169,6 +173,7 @@ def test_results_have_short_texts_with_plain_numbers() -> None:
         (site, f"{site.points} points, 2026-01-01T00:00:00Z to 2026-04-01T00:00:00Z"),
         (site, f"2161 instants, {site.usable.min()} to {site.usable.max()} of them usable"),
         (fix, f"located, {fix.matches.found.sum()} of 500 points found, 1 sigma"),
+        (doubtful, "m; its Sun may be wrong (`advice`)>"),
         (Fix(CANNOT_SAY, "no point", fix.matches.none()), "cannot say, 0 of 0 points found>"),
         (dem, "1 file (GLD100_256), 83229.8 km2, west 0, south 20, east 10, north 30"),
     ):

@@ -81,6 +81,7 @@ def _tile(page: str, words: str) -> str:
 def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> None:
     lines = dict(summary_rows(describe(path)))
     assert lines["promise"].startswith("2 usable points in every footprint of 40 km: kept in ")
+    assert lines["promise"].endswith(" places x the catalogue's views x Suns")
     page = render_report(catalog, "p.h5")
     assert "What is promised" in page
     assert "(dark)" in page
