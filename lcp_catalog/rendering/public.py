@@ -42,7 +42,6 @@ from ..photometry.albedo_map import AlbedoMap, ColourMap, open_map
 from ..photometry.law_choice import law_of
 from ..photometry.laws import Reflectance
 from ..terrain.area import Area
-from ..threads import thread_count
 from .costs import WITHIN, priced
 from .pipeline import prepare
 from .renderer import Rendering
@@ -124,11 +123,10 @@ def geotiff(
                     bigtiff="if_safer",
                     overview_resampling="average",
                     statistics="yes",
-                    num_threads=thread_count(),
                 )
         # GDAL goes on without a text, a number, a CRS, pixels or an overview that lacks memory
         content = bytes(memory.getbuffer())
-        with MemoryFile(content) as copy, copy.open(num_threads=thread_count()) as written:
+        with MemoryFile(content) as copy, copy.open() as written:
             kept = [
                 dict(tags).items() <= written.tags().items(),
                 written.descriptions == tuple(bands),
