@@ -135,6 +135,10 @@ class Panel:
     curves: tuple[Curve, ...]
     sources_deg: tuple[tuple[float, str], ...] = ()
 
+    def is_free(self, theta_deg: float) -> bool:
+        """True for an angle that is near no source: its ray has a label. Called by the template."""
+        return all(abs(theta_deg - source) > 8.0 for source, _ in self.sources_deg)
+
 
 def polar_chart(panels: Sequence[Panel], title: str, columns: int) -> str:
     """SVG of panels in rows; each panel has its own scale."""
