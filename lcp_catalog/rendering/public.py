@@ -10,9 +10,10 @@ closes a file.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,9 @@ import numpy as np
 import rasterio
 from numpy.typing import ArrayLike, NDArray
 from rasterio import shutil
+from rasterio._err import CPLE_BaseError
 from rasterio.enums import ColorInterp
-from rasterio.errors import NotGeoreferencedWarning
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 from rasterio.transform import Affine
 
@@ -75,6 +77,15 @@ def _name_of(crs: rasterio.CRS | None) -> str:
     return crs.to_wkt().partition('"')[2].partition('"')[0] if crs else ""
 
 
+@contextlib.contextmanager
+def _only_memory_is_lacking() -> Iterator[None]:
+    """MemoryError for errors of GDAL, whatever it calls them: nothing else fails of a file made of memory in memory."""
+    try:
+        yield
+    except (RasterioError, CPLE_BaseError, SystemError) as error:
+        raise MemoryError from error
+
+
 def geotiff(
     bands: Mapping[str, ArrayLike],
     dtype: str,
@@ -86,10 +97,15 @@ def geotiff(
 ) -> bytes:
     """A cloud-optimised GeoTIFF, compressed with deflate, with named bands of one shape; nodata is NaN.
     Overviews are means; the bands have their statistics as metadata. ``colours``: the colour (red,
-    green, blue) of bands that are shown in one.
+    green, blue) of bands that are shown in one. MemoryError where memory is lacking.
     """
     rows, columns = np.shape(next(iter(bands.values())))
-    with warnings.catch_warnings(), MemoryFile() as plain, MemoryFile(ext=".tif") as memory:
+    with (
+        _only_memory_is_lacking(),
+        warnings.catch_warnings(),
+        MemoryFile() as plain,
+        MemoryFile(ext=".tif") as memory,
+    ):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
         with plain.open(
             driver="MEM",
@@ -134,7 +150,10 @@ def geotiff(
                 or (_name_of(written.crs) == _name_of(crs) and not written.transform.is_identity),
                 units is None or written.units == tuple(units),
                 bool(written.overviews(1)) == (max(rows, columns) > TILE),
-                all(map(_same_bits, written.read(), bands.values())),
+                *(
+                    _same_bits(written.read(index), band)
+                    for index, band in enumerate(bands.values(), start=1)
+                ),
                 *(
                     written.tags(index).keys() >= _STATISTICS or bool(np.isnan(band).all())
                     for index, band in enumerate(bands.values(), start=1)
@@ -147,7 +166,8 @@ def geotiff(
 
 def _same_bits(read: NDArray[Any], band: ArrayLike) -> bool:
     """Whether a band that was read is the one that was written."""
-    return read.tobytes() == np.asarray(band, read.dtype).tobytes()
+    given = np.ascontiguousarray(band, read.dtype)
+    return np.array_equal(read.view(np.uint8), given.view(np.uint8))
 
 
 _STATISTICS = {

@@ -105,3 +105,11 @@ def test_a_raster_without_its_statistics_is_an_error(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(public, "_STATISTICS", {"STATISTICS_LOST"})
     with pytest.raises(MemoryError):
         geotiff(bands, "float32", {})
+
+
+def test_a_raster_that_gdal_cannot_make_lacks_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GDAL's own error of a copy into a file system that it does not have."""
+    copy = public.shutil.copy
+    monkeypatch.setattr(public.shutil, "copy", lambda a, b, **how: copy(a, "/vsinone/a.tif", **how))
+    with pytest.raises(MemoryError):
+        geotiff({"a": np.ones((2, 2))}, "float32", {})
