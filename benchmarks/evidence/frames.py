@@ -22,7 +22,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.evidence.catalogues import by_command
-from benchmarks.evidence.scores import arrays, bins_table, kept, scores_table, write_diagrams
+from benchmarks.evidence.scores import (
+    arrays,
+    bins_table,
+    kept,
+    scores_table,
+    together_table,
+    write_diagrams,
+)
 from benchmarks.markdown import table
 from benchmarks.sections import evidence_parser
 from lcp_catalog.arrays import Array, Index, Mask
@@ -275,7 +282,9 @@ def main(words: Sequence[str]) -> int:
     groups = groups_of(work(asked.output, asked.data, asked.frames))
     claims = {name: [f.claims for f in some] for name, some in groups.items()}
     few = {name: some for name, some in claims.items() if not name.startswith(("Sun", "pixel"))}
-    text = "\n\n".join([scores_table(claims), bins_table(few), positions_table(groups)])
+    text = "\n\n".join(
+        [scores_table(claims), bins_table(few), together_table(few), positions_table(groups)]
+    )
     (asked.output / "frames.md").write_text(text + "\n", encoding="utf-8")
     write_diagrams(asked.output / "frames.html", "Simulated frames", claims)
     print(text)

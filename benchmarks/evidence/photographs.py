@@ -26,7 +26,7 @@ from rasterio.errors import NotGeoreferencedWarning
 
 from benchmarks.evidence.cases import Case, chosen
 from benchmarks.evidence.catalogues import ALBEDO, LAW
-from benchmarks.evidence.scores import STYLE, arrays, bins_table, kept, scores_table
+from benchmarks.evidence.scores import STYLE, arrays, bins_table, kept, scores_table, together_table
 from benchmarks.markdown import table
 from benchmarks.sections import evidence_parser
 from lcp_catalog.arrays import Array
@@ -348,6 +348,7 @@ def main(words: Sequence[str]) -> int:
     (asked.output / "figure_4.svg").write_text(sheet(both), encoding="utf-8")
     parts = [summary(rows), table(HEAD, map(cells, rows)), "\nNot located:\n", failures(rows)]
     parts += ["Claims by kind:\n", scores_table(claims) + "\n", bins_table(claims) + "\n"]
+    parts += [together_table(claims) + "\n"]
     parts += ["Figure 4 of the paper, and the same of these photographs:\n", figure_4(both)]
     text = "\n".join(parts)
     (asked.output / "evidence.md").write_text(text, encoding="utf-8")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.markdown import table
+from lcp_catalog.matching.joint_detection import at_least_found
 from lcp_catalog.validation.claims import GATE_SIGMAS, Claims, Scores, score
 from lcp_catalog.validation.report import reliability_diagram
 
@@ -16,6 +17,8 @@ Groups = Mapping[str, Sequence[Claims]]
 """Claims of images, one for each, by the name of a group."""
 NAMES = ("probability", "usable", "sigma_m", "angle_deg", "tried", "found", "error_m")
 """Arrays of claims, as they are kept in files."""
+SUBSETS, SIZES, FEWEST = 200, (6, 24), 30
+"""Subsets of an image's points, their least and greatest number of points; subsets from which a bin is shown."""
 STYLE = (
     "svg{width:430px;background:#fff;font:13px system-ui,sans-serif;fill:#333}.grid{stroke:#ddd}.axis{fill:none;stroke:#888}"
     ".middle{text-anchor:middle}.end{text-anchor:end}.bar{fill:#8aa8cf}.high{fill:#1f5fbf}"
@@ -82,6 +85,41 @@ def bins_table(groups: Groups) -> str:
         for bins in zip(*some, strict=True)
     ]  # fmt: skip
     return table(["predicted", *found], rows)
+
+
+def together_table(groups: Groups) -> str:
+    """Probability that at least K of 6 to 24 points of an image are found, in seeded subsets: by tenths, stated and observed."""
+    rng, columns = np.random.default_rng(35), []
+    for some in groups.values():
+        drawn = [
+            draw for number, claims in enumerate(some) for draw in _subsets(claims, number, rng)
+        ]
+        tenth = np.array([min(int(10.0 * stated), 9) for stated, _, _ in drawn], np.int64)
+        bins = [np.array(drawn).reshape(-1, 3)[tenth == k] for k in range(10)]
+        columns.append([
+            f"{of[:, 0].mean():.2f} -> {of[:, 1].mean():.2f} ({len(of)}; {len(set(of[:, 2]))})" if len(of) >= FEWEST else "-"
+            for of in bins
+        ])  # fmt: skip
+    rows = [
+        [f"{k / 10:.1f}..{(k + 1) / 10:.1f}", *cells] for k, cells in enumerate(zip(*columns, strict=True))
+    ]  # fmt: skip
+    return table(["at least K found (subsets; images)", *groups], rows)
+
+
+def _subsets(
+    claims: Claims, number: int, rng: np.random.Generator
+) -> Iterator[tuple[float, float, int]]:
+    """Of each subset of an image (by number): the probability of at least K points, 1 if so many are found."""
+    some = claims.tried & claims.claimed
+    probability, found = claims.probability[some], claims.found[some]
+    for _ in range(SUBSETS if len(found) >= SIZES[0] else 0):
+        size = rng.integers(SIZES[0], min(SIZES[1], len(found)) + 1)
+        rows, least = rng.choice(len(found), size, replace=False), rng.integers(1, size + 1)
+        yield (
+            float(at_least_found(probability[rows])[least]),
+            float(found[rows].sum() >= least),
+            number,
+        )
 
 
 def write_diagrams(path: Path, title: str, groups: Groups) -> None:
