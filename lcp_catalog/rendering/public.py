@@ -108,7 +108,7 @@ def geotiff(
     ):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a camera's plane has no CRS
         with plain.open(
-            driver="MEM",
+            driver="GTiff",
             width=columns,
             height=rows,
             count=len(bands),
@@ -126,20 +126,20 @@ def geotiff(
                 shown = [colours.get(name, "undefined") for name in bands]
                 file.colorinterp = tuple(ColorInterp[name] for name in shown)
             file.update_tags(**tags)
-            # GDAL would compress overviews twice, first for itself
-            with rasterio.Env.from_defaults(COG_TMP_COMPRESSION="NONE"):
-                shutil.copy(  # other threads run meanwhile, which say that the command does
-                    file,
-                    memory.name,
-                    driver="COG",
-                    blocksize=TILE,
-                    compress="deflate",
-                    level=1,  # smaller files of floats than the default's, in 0.7 of its time
-                    predictor="floating_point",
-                    bigtiff="if_safer",
-                    overview_resampling="average",
-                    statistics="yes",
-                )
+        # GDAL would compress overviews twice, first for itself
+        with rasterio.Env.from_defaults(COG_TMP_COMPRESSION="NONE"):
+            shutil.copy(  # other threads run meanwhile, which say that the command does
+                plain.name,
+                memory.name,
+                driver="COG",
+                blocksize=TILE,
+                compress="deflate",
+                level=1,  # smaller files of floats than the default's, in 0.7 of its time
+                predictor="floating_point",
+                bigtiff="if_safer",
+                overview_resampling="average",
+                statistics="yes",
+            )
         # GDAL goes on without a text, a number, a CRS, pixels or an overview that lacks memory
         content = bytes(memory.getbuffer())
         with MemoryFile(content) as copy, copy.open() as written:
