@@ -43,9 +43,10 @@ SIDE_MAX_DEG = 75.0
 FARTHEST_DEG = 80.0
 """Views farther from the vertical are left out: hardly anything is seen of a surface there."""
 
-_SMALL_PART = 10.0
-"""Widths of a region in an image from which the build is for the image's share of it, and refused if that is nothing. In an image
-of more than one width the region's points alone must locate it: what the default footprint asks for.
+_SMALL_PART = 18.0
+"""Widths of a region in an image from which the build is for the image's share of it, which is refused: less than one unit of
+the 255 that can be wanted. In an image of more than one width the region's points alone must locate it: what the default
+footprint asks for.
 """
 
 _PIXELS = 1024

@@ -109,7 +109,8 @@ def test_a_wide_camera_sees_to_the_angle_of_the_sphere() -> None:
         (150.0, None, 126.1),
         (90.0, None, None),  # the region alone must locate a frame that sees all of it
         (90.0, 200.0, 200.0),  # as it is stated: a part of a region that is merged
-        (10.0, None, 126.1),  # too small a part; refused by the promise
+        (10.0, None, None),
+        (6.0, None, 126.1),  # too small a part; refused by the promise
     ],
 )
 def test_the_footprint_of_images(
