@@ -79,7 +79,9 @@ def _name_of(crs: rasterio.CRS | None) -> str:
 
 @contextlib.contextmanager
 def _only_memory_is_lacking() -> Iterator[None]:
-    """MemoryError for errors of GDAL, whatever it calls them: nothing else fails of a file made of memory in memory."""
+    """MemoryError for errors of GDAL, which gives a lack of memory many names. No disk is used, so that hardly anything else can
+    fail; the error of GDAL is its cause, which a traceback shows.
+    """
     try:
         yield
     except (RasterioError, CPLE_BaseError, SystemError) as error:

@@ -498,9 +498,8 @@ def test_different_albedo_maps(inputs: list[Catalog]) -> None:
     both = [replace(inputs[1], albedo=albedo, albedo_map=which) for which in maps]
     with pytest.raises(CatalogError, match="albedo_map"):
         merging._require_compatible(opened(both[0], "a.h5"), opened(both[1], "b.h5"))
-    told = replace(
-        both[0], albedo_map=maps[0] | {"pixel_m": 500.0}
-    )  # `both[0]` is of an earlier version
+    # `both[0]` is of an earlier version, which does not state the pixel
+    told = replace(both[0], albedo_map=maps[0] | {"pixel_m": 500.0})
     merging._require_compatible(opened(both[0], "a.h5"), opened(told, "b.h5"))
 
 
