@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from .light.sun_choice import Sun as Sun
     from .light.sun_choice import SunChoice as SunChoice
     from .light.sun_visibility import sun_at as sun_at
+    from .matching.fix import Fix as Fix
     from .matching.point_choice import choose_points as choose_points
     from .matching.point_search import find_points as find_points
-    from .matching.position_fix import Fix as Fix
     from .matching.position_fix import locate as locate
     from .matching.templates import render_patches as render_patches
     from .navigation.camera_info import CameraInfo as CameraInfo
@@ -66,7 +66,7 @@ _MODULES = {
     "DemInfo": "dem.public",
     "DemSet": "dem.mosaic",
     "Detector": "simulation.detector",
-    "Fix": "matching.position_fix",
+    "Fix": "matching.fix",
     "Image": "images.image",
     "ImageOptions": "images.image_file",
     "LcpError": "errors",

@@ -23,7 +23,8 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.position_fix import Fix, locate
+from lcp_catalog.matching.fix import Fix
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 from tests.helpers import apollo_maps, located_frames

@@ -36,6 +36,12 @@ REASONS = tuple(MEANINGS)
 
 CODE = {reason: code for code, reason in enumerate(REASONS)}
 
+_NOT_FOUND = ("weak", "no peak", "no exact place", "ambiguous", "not confirmed", "inconsistent")
+SEARCHED = tuple(CODE[reason] for reason in (FOUND, *_NOT_FOUND))
+"""Codes of points that could be searched for, so that their result is evidence for or against the
+place.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:

@@ -30,8 +30,9 @@ from ..photometry.law_choice import law_of
 from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .common_errors import SharedTerrain, map_sigma_m, shadow_shift_px
 from .consensus import SHARE_IF_HERE, Consensus, agree, agreeing
+from .fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from .joint_offset import JointOffset, find_joint_offset
-from .matches import CODE, FOUND, Matches, joined
+from .matches import CODE, SEARCHED, Matches, joined
 from .point_choice import (
     NO_CLAIM,
     likeliest,
@@ -46,20 +47,6 @@ from .point_search import Criteria, SearchImage, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
 from .sun_check import FAR_TURNS_DEG, TURNS_DEG, MatchedPoints, SunCheck
-
-LOCATED = "located"
-NOT_HERE = "not this place"
-CANNOT_SAY = "cannot say"
-
-BY_POINTS = "points"
-BY_ALL_POINTS = "the ground as a whole"
-"""Basis of a position: single points, or all points together."""
-
-NOT_FOUND = ("weak", "no peak", "no exact place", "ambiguous", "not confirmed", "inconsistent")
-SEARCHED = tuple(CODE[reason] for reason in (FOUND, *NOT_FOUND))
-"""Codes of points that could be searched for, so that their result is evidence for or against the
-place.
-"""
 
 LEAST_USABLE = 6
 """Least number of points that agree, without those that are known not to be usable, from which a pose
@@ -105,58 +92,6 @@ FAINT = Options(tolerance_px=1.5, criteria=Criteria(max_back_px=3.0, max_false_m
 """For low-contrast terrain: accept weak matches and rely on their mutual agreement, whose number of
 false alarms does not depend on the quality of single matches.
 """
-
-
-@dataclass(frozen=True, eq=False)
-class Fix:
-    """Result for one image. ``matches`` are of every point that may be in view; with `LOCATED`
-    those marked found are the inliers. ``log10_false_alarms``: of the expected number of solutions
-    as good by chance; ``rival_log10``: the same for the best other one.
-
-    Examples
-    --------
-    >>> fix = lcp.locate(catalog, folder / "AS15-M-0414.png", camera=camera)
-    >>> (fix.pose is None) == (fix.verdict != "located")
-    True
-    """
-
-    verdict: str
-    reason: str  # one line
-    matches: Matches
-    pose: Pose | None = None
-    log10_false_alarms: float = 0.0
-    rival_log10: float = 0.0
-    sun: SunCheck | None = None
-    by: str = BY_POINTS  # or `BY_ALL_POINTS`; few points may then be found alone
-
-    def __repr__(self) -> str:
-        """The result in short: an image has hundreds of matches."""
-        count = f"{self.matches.found.sum()} of {len(self.matches.point)} points found"
-        sigma = "" if self.pose is None else f", 1 sigma {self.pose.position_sigma_m:.4g} m"
-        doubt = "; its Sun may be wrong (`advice`)" if self.advice else ""
-        return f"<Fix: {self.verdict}, {count}{sigma}{doubt}>"
-
-    @property
-    def advice(self) -> tuple[str, ...]:
-        """A line for each angle of the Sun that may be wrong although the position is given."""
-        if self.pose is None or self.sun is None:
-            return ()
-        return tuple(filter(None, (self.sun.azimuth_advice, self.sun.elevation_advice)))
-
-    @classmethod
-    def scored(
-        cls,
-        verdict: str,
-        reason: str,
-        matches: Matches,
-        score: Consensus | JointOffset,
-        pose: Pose | None = None,
-        sun: SunCheck | None = None,
-    ) -> Fix:
-        """The result by an agreement of single points, or by the offset of all of them together."""
-        by = BY_ALL_POINTS if isinstance(score, JointOffset) else BY_POINTS
-        chances = score.log10_false_alarms, score.rival_log10
-        return cls(verdict, reason, matches, pose, chances[0], chances[1], sun, by)
 
 
 USUAL = Uncertainty(position_m=1000.0, attitude_rad=math.radians(0.1))

@@ -24,9 +24,9 @@ from ..cameras.sensor import Sensor, Uncertainty, pixel_size_m
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..landmarks.ground_votes import independent_share
+from ..matching.fix import CANNOT_SAY, NOT_HERE, Fix
 from ..matching.point_choice import evenly, patch_width_px, points_in_view, working_image
 from ..matching.point_search import Criteria, find_points
-from ..matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from ..matching.search_area import perhaps_in_view
 from ..matching.sun_check import fisher_z
 from ..photometry.laws import Reflectance

@@ -18,8 +18,8 @@ from ..cameras.sensor import ON_MAP
 from ..catalog.catalogue import Catalog
 from ..images.image import Image
 from ..landmarks.ground_votes import independent_share
+from ..matching.fix import Fix
 from ..matching.point_choice import patch_width_px
-from ..matching.position_fix import Fix
 
 LEAST_PX = 0.25
 """Root mean square of a pattern that is named, in pixels of the map."""

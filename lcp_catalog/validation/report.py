@@ -16,8 +16,8 @@ from ..arrays import Array
 from ..cameras.sensor import POSE
 from ..catalog.summary import percent
 from ..geometry.ellipses import error_ellipses
+from ..matching.fix import BY_ALL_POINTS, LOCATED
 from ..matching.matches import MEANINGS, REASONS
-from ..matching.position_fix import BY_ALL_POINTS, LOCATED
 from ..matching.sun_check import SunCheck
 from ..navigation.documents import MEANINGS as WORDS
 from ..plots.axes import Axes, Axis

@@ -20,9 +20,9 @@ from .._version import __version__
 from ..arrays import AnyArray, Array
 from ..cameras.sensor import ON_MAP
 from ..catalog.summary import percent
+from ..matching.fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
-from ..matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from ..matching.sun_check import SunCheck
 from ..plots.numbers import number
 from .advice import EncodingCheck

@@ -34,19 +34,12 @@ from ..images.image_file import ImageOptions, decoded, open_image, refuse_height
 from ..landmarks.error_model import ErrorModel
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
-from ..matching.matches import Matches
+from ..matching.fix import CANNOT_SAY, LOCATED, Fix
+from ..matching.matches import SEARCHED, Matches
 from ..matching.point_choice import points_in_view, searched_in, shows_points
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
-from ..matching.position_fix import (
-    CANNOT_SAY,
-    FAINT,
-    LOCATED,
-    SEARCHED,
-    Fix,
-    Options,
-    fix_in_area,
-)
+from ..matching.position_fix import FAINT, Options, fix_in_area
 from ..matching.search_area import perhaps_in_view
 from ..navigation.better_catalog import better_catalog
 from ..navigation.frame_points import PlannedImage

@@ -24,7 +24,7 @@ import lcp_catalog as lcp
 from lcp_catalog import errors
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, ConfigError, KindError, MissingPackageError, SunError
-from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, Fix
+from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED, Fix
 
 
 @pytest.fixture(scope="module", params=["memory", "file"])

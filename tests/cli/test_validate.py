@@ -24,7 +24,8 @@ from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import EnuFrame, lonlat_to_mcmf
 from lcp_catalog.images.image_file import open_image
 from lcp_catalog.landmarks.error_model import ErrorModel
-from lcp_catalog.matching.position_fix import SEARCHED, locate
+from lcp_catalog.matching.matches import SEARCHED
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.validation.error_fit import fit_errors, residuals_of

@@ -27,8 +27,9 @@ from lcp_catalog.ephemeris.solar_position import direction_from_subsolar
 from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_enu, mcmf_to_lonlat
 from lcp_catalog.geometry.sphere_intersection import hits
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.fix import LOCATED, Fix
 from lcp_catalog.matching.point_search import find_points
-from lcp_catalog.matching.position_fix import LOCATED, Fix, Options, locate
+from lcp_catalog.matching.position_fix import Options, locate
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector

@@ -22,9 +22,9 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.images.image_file import open_image
+from lcp_catalog.matching.fix import Fix
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import Fix
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 

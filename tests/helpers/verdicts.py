@@ -12,9 +12,9 @@ import numpy as np
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import ON_MAP, Uncertainty
 from lcp_catalog.constants import MOON_RADIUS_M
+from lcp_catalog.matching.fix import Fix
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.pose import Pose, position_error, solve
-from lcp_catalog.matching.position_fix import Fix
 from lcp_catalog.matching.sun_check import SunCheck
 from lcp_catalog.validation import result
 from lcp_catalog.validation.claims import Claims

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from helpers import apollo_maps as maps
 
-from lcp_catalog.matching.position_fix import BY_POINTS, LOCATED, locate
+from lcp_catalog.matching.fix import BY_POINTS, LOCATED
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.photometry.laws import reflectance_model
 
 LAW = reflectance_model("lunar-lambert")

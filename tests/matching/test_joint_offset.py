@@ -19,17 +19,11 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.landmarks.ground_votes import FEWEST
 from lcp_catalog.matching import joint_offset, position_fix
 from lcp_catalog.matching.consensus import Consensus
+from lcp_catalog.matching.fix import BY_ALL_POINTS, BY_POINTS, CANNOT_SAY, LOCATED, NOT_HERE
 from lcp_catalog.matching.joint_offset import SHOWS, JointOffset, find_joint_offset
+from lcp_catalog.matching.matches import SEARCHED
 from lcp_catalog.matching.point_choice import working_image
-from lcp_catalog.matching.position_fix import (
-    BY_ALL_POINTS,
-    BY_POINTS,
-    CANNOT_SAY,
-    LOCATED,
-    NOT_HERE,
-    Options,
-    locate,
-)
+from lcp_catalog.matching.position_fix import Options, locate
 from lcp_catalog.matching.search_area import CoarseShift, SearchArea, coarse_shift
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.matching.templates import render_patches
@@ -395,7 +389,7 @@ def test_points_that_cannot_be_looked_for_have_no_vote(monkeypatch: pytest.Monke
     weight = photo.weight.copy()
     weight[:, :500] = 0.0
     answer = locate(points(), believed(replace(photo, weight=weight)), UNCERTAIN, LAW)
-    there = np.isin(answer.matches.code, position_fix.SEARCHED)
+    there = np.isin(answer.matches.code, SEARCHED)
     assert np.array_equal(asked[0], answer.matches.point[there])
     assert 30 < there.sum() < 50
 

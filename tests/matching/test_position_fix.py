@@ -22,19 +22,11 @@ from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching import position_fix
 from lcp_catalog.matching.consensus import Consensus
-from lcp_catalog.matching.matches import CODE, REASONS, Matches
+from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
+from lcp_catalog.matching.matches import CODE, REASONS, SEARCHED, Matches
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.pose import Pose, jacobian, position_error
-from lcp_catalog.matching.position_fix import (
-    CANNOT_SAY,
-    LOCATED,
-    NOT_HERE,
-    SEARCHED,
-    Fix,
-    Options,
-    locate,
-    nothing_in,
-)
+from lcp_catalog.matching.position_fix import Options, locate, nothing_in
 from lcp_catalog.matching.search_area import CoarseShift, narrowed, perhaps_in_view
 
 QUICK = Options(check_sun=False)

@@ -15,9 +15,10 @@ from helpers import located_frames as frames
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
+from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED, NOT_HERE
 from lcp_catalog.matching.point_choice import PointClaims, working_image
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, NOT_HERE, locate
+from lcp_catalog.matching.position_fix import locate
 
 pytestmark = pytest.mark.slow
 

@@ -14,9 +14,10 @@ from helpers.suns import light
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.point_search import Criteria, FoundPlaces, SearchImage, find_points
-from lcp_catalog.matching.position_fix import CANNOT_SAY, LOCATED, Options, locate
+from lcp_catalog.matching.position_fix import Options, locate
 from lcp_catalog.matching.sun_check import FAR_TURNS_DEG, MatchedPoints, SunCheck, with_sun
 
 QUICK = Options(check_sun=False)

@@ -16,8 +16,9 @@ from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.geometry.rotations import quaternion_of
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.fix import LOCATED
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import LOCATED, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.photometry.laws import photometry, reflectance_model
 from lcp_catalog.terrain.area import NodeWindow
 from lcp_catalog.terrain.terrain import build_terrain

@@ -31,7 +31,8 @@ from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.position_fix import LOCATED, locate
+from lcp_catalog.matching.fix import LOCATED
+from lcp_catalog.matching.position_fix import locate
 
 DEM = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 MIDDLE = (3.5, 26.0)

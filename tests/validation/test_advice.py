@@ -8,8 +8,8 @@ from helpers.lone_hill import above_it, bump_catalog
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.fix import CANNOT_SAY, NOT_HERE, Fix
 from lcp_catalog.matching.matches import Matches
-from lcp_catalog.matching.position_fix import CANNOT_SAY, NOT_HERE, Fix
 from lcp_catalog.validation import advice
 from lcp_catalog.validation.advice import (
     advised,

@@ -21,16 +21,10 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.matching.fix import BY_POINTS, LOCATED, NOT_HERE
 from lcp_catalog.matching.joint_offset import find_joint_offset
 from lcp_catalog.matching.point_choice import working_image
-from lcp_catalog.matching.position_fix import (
-    BY_POINTS,
-    FAINT,
-    LOCATED,
-    NOT_HERE,
-    Options,
-    locate,
-)
+from lcp_catalog.matching.position_fix import FAINT, Options, locate
 from lcp_catalog.matching.search_area import SearchArea
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.validation.ground_comparison import compare
