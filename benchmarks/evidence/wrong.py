@@ -19,12 +19,11 @@ from benchmarks.evidence.cases import Case, chosen
 from benchmarks.evidence.catalogues import LAW
 from benchmarks.markdown import table
 from benchmarks.sections import evidence_parser
+from lcp_catalog import Fix, locate
 from lcp_catalog.cameras.frame_camera import Camera
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
-from lcp_catalog.matching.fix import Fix
-from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 from tests.helpers import apollo_maps, located_frames

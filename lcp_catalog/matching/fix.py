@@ -67,5 +67,5 @@ class Fix:
     ) -> Fix:
         """The result by an agreement of single points, or by the offset of all of them together."""
         by = BY_ALL_POINTS if isinstance(score, JointOffset) else BY_POINTS
-        chances = score.log10_false_alarms, score.rival_log10
-        return cls(verdict, reason, matches, pose, chances[0], chances[1], sun, by)
+        rarity = score.log10_false_alarms
+        return cls(verdict, reason, matches, pose, rarity, score.rival_log10, sun, by)

@@ -77,9 +77,7 @@ class Options:
     least_reach_px: float = 16.0  # least reach, so that a wrong image can fail to agree
     most_reach_px: float = 64.0  # beyond, a coarse offset of the whole image is found first
     common_px: float = 0.0  # 1 sigma of an error common to all matches
-    most_first: int = (
-        400  # points searched before the position is known; more if these do not agree
-    )
+    most_first: int = 400  # points of the first search; if these do not agree, all are searched
     second_reach_px: float = 6.0  # with the corrected sensor
     passes: int = 4
     most_sigmas: float = 4.0  # largest correction of the given sensor
