@@ -40,7 +40,7 @@ albedo_sigma = 0.079
 albedo_length_m = 7200.0
 position_sigma_m = 150.0
 spread = 0.27
-detection_shift = 0.26
+detection_shift = 0.08
 [points]
 patch_nodes = 25
 [model]

@@ -92,7 +92,8 @@ def residuals_of(
     cell size. ImageError if no point is left.
 
     The gain of a patch is its own if it correlates with the image by at least `_OWN_GAIN`, else the
-    median of the others': the gain of a patch that hardly resembles the image is too small.
+    median of the others': the gain of a patch that hardly resembles the image is too small. Where all are
+    such, it is the median ratio of their brightness.
     """
     some = [
         _sample(catalog, image, int(r), at, model) for r, at in zip(rows, found_px, strict=True)
@@ -103,8 +104,8 @@ def residuals_of(
     columns = [np.stack(column) for column in zip(*samples, strict=True)]
     light, valid, render, east, south, place, gain, contrast = columns
     clear = np.isfinite(gain)
-    gain = np.where(clear, gain, np.median(gain[clear])) if clear.any() else np.ones_like(gain)
     mean = [np.where(valid, x, 0.0).sum((1, 2)) / valid.sum((1, 2)) for x in (light, render)]
+    gain = np.where(clear, gain, np.median(gain[clear] if clear.any() else mean[0] / mean[1]))
     difference = light / gain[:, None, None] - render
     difference -= (mean[0] / gain - mean[1])[:, None, None]
     return Residuals(

@@ -420,11 +420,13 @@ def _claims(
 def _residuals(
     request: Validation, catalog: Catalog, located: Fix, image: Image
 ) -> Residuals | None:
-    """Residuals of the points that were searched for; None without any."""
-    if located.pose is None:
+    """Residuals of the points that were searched for; None without any. An image of known pose that was not located counts, too:
+    its points were found at no place that is believed.
+    """
+    if located.pose is None and not request.pose_is_known:
         return None
     searched = np.isin(located.matches.code, SEARCHED)
-    found = located.matches.found[searched, None]
+    found = located.matches.found[searched, None] & (located.pose is not None)
     rows = located.matches.point[searched]
     pixels = np.where(found, located.matches.found_px[searched], np.nan)
     try:

@@ -371,7 +371,7 @@ def test_a_known_camera_is_the_reference_of_errors(place, claims, tmp_path) -> N
 @pytest.mark.slow
 def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, tmp_path) -> None:
     """A wrong Sun: nothing is found that agrees, and with a known camera that counts against the
-    claims.
+    claims, and for the fit of errors.
     """
     files = [str(claims), str(place / "frame.png"), "--camera", str(place / "true.json")]
     dark = ["--sun-azimuth", "300", "--sun-elevation", "60"]  # the wrong Sun: not located
@@ -384,6 +384,18 @@ def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, 
         if not count:
             assert image["claims"]["count"] == 0
             assert image["claims"]["reason"] == "the image was not located"
+        fitted = tmp_path / f"errors{count}.toml"
+        fit = [
+            *files,
+            "-o",
+            str(tmp_path / f"fit{count}"),
+            "--fit-errors",
+            str(fitted),
+            *dark,
+            *more,
+        ]
+        assert run(["validate", *fit]) == (4 if count else 1)
+        assert fitted.exists() == bool(count)
 
 
 @pytest.mark.slow

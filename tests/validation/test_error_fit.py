@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from statistics import NormalDist
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from lcp_catalog.validation.error_fit import (
     fit_errors,
     fitted_by_kind,
     fitted_shift,
+    residuals_of,
 )
 from lcp_catalog.validation.output import errors_files
 
@@ -195,6 +197,26 @@ def tried_claims(probability: np.ndarray, found: np.ndarray) -> Claims:
     """Claims whose points were all tried."""
     tried = np.ones(len(found), bool)
     return replace(Claims.none(len(found)), probability=probability, tried=tried, found=found)
+
+
+@pytest.mark.parametrize("alike", [0, 1])
+def test_residuals_have_no_unit_of_brightness(alike: int, monkeypatch) -> None:
+    """Codes of an image give the residuals that its radiances give, also where no patch resembles its render."""
+    dice, none = np.random.default_rng(5), np.zeros((9, 9))
+    light, render = (1.0 + 0.1 * dice.normal(size=(4, 9, 9)) for _ in range(2))
+    valid, place, contrast = np.ones((9, 9), bool), np.full(2, np.nan), np.array(np.nan)
+    catalog = SimpleNamespace(gsd=np.full(4, PIXEL_M))
+
+    def residual(unit: float) -> np.ndarray:
+        def sample(_catalog, _image, row, *_):
+            gain = np.array(unit if row < alike else np.nan)
+            return unit * light[row], valid, render[row], none, none, place, gain, contrast
+
+        monkeypatch.setattr("lcp_catalog.validation.error_fit._sample", sample)
+        return residuals_of(catalog, None, np.arange(4), np.full((4, 2), np.nan), None).residual
+
+    np.testing.assert_allclose(residual(70.0), residual(1.0), atol=1e-6)
+    assert 0.1 < residual(1.0).std() < 0.2  # of two independent fields of 0.1
 
 
 def test_too_few_points_are_refused() -> None:
