@@ -19,6 +19,31 @@ def unseen(done: int, total: int) -> None:
     """Nobody watches."""
 
 
+class Steps:
+    """Counts the steps of a call whose parts become known one after the other: a part's steps join all when it begins, and
+    those that the part before left out go.
+    """
+
+    def __init__(self, progress: Progress = unseen) -> None:
+        self._progress, self._done, self._total = progress, 0, 0
+
+    def begin(self, count: int = 0) -> None:
+        """A part begins, of so many steps as far as that is known."""
+        self._total = self._done
+        if count:
+            self.more(count)
+
+    def more(self, count: int) -> None:
+        """The part has so many more steps."""
+        self._total += count
+        self._progress(self._done, self._total)
+
+    def one(self, count: int = 1) -> None:
+        """A step is done, or several at once."""
+        self._done += count
+        self._progress(self._done, self._total)
+
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 

@@ -100,7 +100,8 @@ BUDGETS = {
     # 35: 27 a high Sun's elevation under another law and contrast of the map, 6 the pixel of a map, 5 what a fix says of its Sun,
     # 4 the least footprint that works; 37: 2 rays without a label, which the template asks for
     # 36, 38: 17 a raster is compared bit for bit without copies, GDAL's words for a lack of memory
-    "code lines, lcp_catalog": 50120,
+    # 37: 35 steps of a trade that are counted to its end, an interval for changes in few areas, few points that name no tier
+    "code lines, lcp_catalog": 50155,
     # 3570; 34: 80 signals, advice for memory; 36: 140 warm-up, parts of two passes, an index as an input; 37: 80 budgets,
     # switches; 38: 450 cameras, help and examples, silence, stages; 39: 90 flight files
     # 35: 42 their option and line of a plan; 36: 8 messages beside a bar, a file that is no catalogue

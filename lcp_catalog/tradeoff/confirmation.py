@@ -8,14 +8,14 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..approximations import APPROXIMATIONS
 from ..errors import AreaFailedError, ConfigError
 from ..production.executor import processes
 from ..production.run import Build
-from ..stages import Progress, unseen
+from ..stages import Steps
 from .knob_rows import Written, row_of, rows_of
 from .knobs import Measurement, Sample, Setting, Started, for_budget, settings
 from .measurement import Budget, Trade, spread
@@ -49,7 +49,7 @@ def measure_all(
     budget: Budget,
     until: float,
     workers: int = WORKERS,
-    progress: Progress = unseen,
+    steps: Steps | None = None,
 ) -> Trade:
     """A measurement with the rows of all approximations, on ``areas`` areas (None: all), and the configuration for the
     budget. ``until``: time of `time.monotonic` after which no other alternative is begun. ConfigError for an impossible
@@ -57,7 +57,8 @@ def measure_all(
     """
     require_one(budget.seconds, budget.error)
     with processes(workers) if workers else nullcontext() as pool:
-        return _measured(found, build, areas, budget, until, Started(workers, pool), progress)
+        started = Started(workers, pool)
+        return _measured(found, build, areas, budget, until, started, steps or Steps())
 
 
 def _measured(
@@ -67,17 +68,20 @@ def _measured(
     budget: Budget,
     until: float,
     workers: Started,
-    progress: Progress,
+    steps: Steps,
 ) -> Trade:
     """`measure_all` with processes that have started."""
-    recipe = build.recipe
-    config = recipe.config.replaced({"model.reflectance": recipe.law.model.name})
+    config = build.recipe.config.replaced({"model.reflectance": build.recipe.law.model.name})
     chosen = [build.jobs[i] for i in spread(build, areas or len(build.jobs))]
     sample, own = Sample(build, config, chosen), Setting("", "as configured", {})
+    steps.begin(1)
     sample.start_s(build.levels[0])
+    steps.one()
     begun = time.monotonic()
-    runs = Measurement(sample, workers, math.inf).outcomes([own, own])
-    first_runs = [usual for _, usual in runs]
+    first_runs = [
+        outcome
+        for _, outcome in Measurement(sample, workers, math.inf, steps=steps).outcomes([own, own])
+    ]
     if isinstance(first_runs[0], str) or isinstance(first_runs[1], str):
         raise AreaFailedError(str(first_runs[0]))
     usual, baseline_s = first_runs[0], [one.cpu_s for one in first_runs if not isinstance(one, str)]
@@ -103,8 +107,9 @@ def _measured(
             "this build promises nothing (`points.spacing_m`, or `points.per_view` 0)"
         )
     between = _between(wanted, own)
-    for count, (setting, row) in enumerate(rows_of(measured, usual, between, whole)):
-        progress(count + 1, len(between))
+    steps.begin(len(between))
+    for setting, row in rows_of(measured, usual, between, whole):
+        steps.one()
         if not setting.knob:
             baseline_s += [] if isinstance(row, str) else [row["seconds"]]
         elif isinstance(row, str):
@@ -120,7 +125,7 @@ def _measured(
     pace = (time.monotonic() - begun) / spent_s  # wall time for a second of processor time
     area_s = pace * first["seconds"] / len(chosen)
     scatter = scatter_of(baseline_s)
-    confirmation = Confirmation(sample, len(chosen), workers, until, area_s, scatter)
+    confirmation = Confirmation(sample, len(chosen), workers, until, area_s, scatter, steps)
     best, best_row = _best(confirmation, done, first, budget)
     tried = [setting for setting, _ in done]
     untried = sum(one.turned and one.finer == finer and one not in tried for one in wanted)
@@ -199,7 +204,8 @@ clear (`is_clear`)."""
 class Confirmation:
     """Measures the configuration for a budget, on more areas than those on which it was chosen: a few areas say what saves
     most, but their mean error is as uncertain as it is large. ``until``: no areas are begun that would be done after it, by
-    ``area_s``, the time of an area of the user's configuration; ``scatter``: of its runs (`scatter_of`).
+    ``area_s``, the time of an area of the user's configuration; ``scatter``: of its runs (`scatter_of`); ``steps``: counts
+    the areas.
     """
 
     sample: Sample
@@ -208,6 +214,7 @@ class Confirmation:
     until: float
     area_s: float
     scatter: Sequence[float] = (1.0, 1.0)
+    steps: Steps = field(default_factory=Steps)
 
     def fits(self, count: int, relative: float) -> bool:
         """True if ``count`` areas of both configurations are done before the end."""
@@ -233,7 +240,7 @@ class Confirmation:
                 both = [Setting("", "", {}, configured=name), replace(setting, configured=name)]
                 wanted += both[:: 1 - 2 * (pair % 2)]  # what comes first comes last then
             fit.append((setting, row))
-        measured = Measurement(self.sample, self.workers, math.inf, in_turn=True)
+        measured = self._in_turn(self.sample)
         areas_s = {
             (one.configured, one.knob == ""): outcome.areas_s()[0]
             for one, outcome in measured.outcomes(wanted)
@@ -272,11 +279,15 @@ class Confirmation:
             count *= 2
         return row or told
 
+    def _in_turn(self, sample: Sample) -> Measurement:
+        self.steps.begin()
+        return Measurement(sample, self.workers, math.inf, in_turn=True, steps=self.steps)
+
     def _of(self, best: Setting, count: int) -> dict[str, Any]:
         build, own = self.sample.build, Setting("", "as configured", {})
         jobs = [build.jobs[i] for i in spread(build, min(count, len(build.jobs)))]
         sample = Sample(build, self.sample.config, jobs, self.sample.starts)
-        measured = Measurement(sample, self.workers, math.inf, in_turn=True)
+        measured = self._in_turn(sample)
         found = {one.knob: outcome for one, outcome in measured.outcomes([own, best])}
         usual, outcome = found[own.knob], found[best.knob]
         if isinstance(usual, str) or isinstance(outcome, str):

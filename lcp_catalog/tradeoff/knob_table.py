@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 
 from ..approximations import APPROXIMATIONS
-from ..plots.numbers import number
+from ..plots.numbers import number, typeset
 from .charts import Row, changed_share, number_or_dash, share_text, times
 from .confirmation import PAIRS
 from .knob_rows import NEAR_CELLS
@@ -58,7 +58,7 @@ def _value(row: Row) -> str:
 
 def _probabilities(row: Row) -> str:
     mean, greatest = row["detection_change_mean"], row["detection_change_max"]
-    return f"{number_or_dash(mean)} ({number_or_dash(greatest)})"
+    return typeset(f"{number_or_dash(mean)} ({number_or_dash(greatest)})")
 
 
 KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (
@@ -112,7 +112,7 @@ def best_said(trade: Trade) -> list[str]:
             )
     if trade.untried:
         said += [
-            f"{trade.untried} alternative{'s' * (trade.untried != 1)} that it could take "
+            f"{trade.untried} alternative{'s' * (trade.untried != 1)} that this answer could take "
             f"{'were' if trade.untried != 1 else 'was'} not measured, for want of time (a greater time limit)."
         ]
     if best["unconfirmed"]:
@@ -151,7 +151,7 @@ def _build_time(row: Row) -> str:
     between = f" ({number(around[0], 3)} to {number(around[1], 3)})" if around else ""
     return (
         f"{number(row['build_seconds'], 3)} s{between} of processor time for the whole build in {row['build_jobs']} job{'s' * (row['build_jobs'] != 1)}, "
-        "with its start, without cures that are tried for a promise"
+        f"with its start ({number(row['build_start_seconds'], 2)} s), without cures that are tried for a promise"
     )
 
 
@@ -168,7 +168,10 @@ def _elsewhere(row: Row) -> list[str]:
         if far
         else "How many change on other ground this does not say: measure there."
     )
-    return [*said, f"{limit} The share of the time may be another there, too."]
+    return [
+        *said,
+        f"{limit} The share of the areas' time may be another there, too; the start comes on top.",
+    ]
 
 
 def knobs_markdown(trade: Trade) -> list[str]:

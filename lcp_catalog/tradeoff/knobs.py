@@ -37,6 +37,7 @@ from ..production.recipe import InputFiles, Recipe
 from ..production.run import Build, Level
 from ..production.sweep import law_of_build
 from ..production.two_passes import areas_in_passes
+from ..stages import Steps
 from ..threads import cores, limit_threads
 from .image_errors import CONTRAST, ImageChanges, judge
 from .point_changes import joined, some_of
@@ -275,10 +276,9 @@ def _work(jobs: Sequence[AreaJob]) -> float:
     return sum(math.prod(j.task.window.grown(halo).shape) * j.conditions.count for j in jobs) or 1.0
 
 
-def ratio_interval(by_area: Array, most: float = 1.0, wider: float = 1.0) -> list[float] | None:
-    """The 90 % interval, from 0 to ``most``, of the share of all changed among all judged conditions, of those of each area
-    (n, 2): Cochran (1977), *Sampling Techniques*, 6.3, for a ratio; None for one area. With ``wider`` sqrt(2) that of the share
-    on as many other areas of such ground.
+def ratio_interval(by_area: Array, wider: float = 1.0) -> list[float] | None:
+    """The 90 % interval, from 0, of the ratio of two sums, of the parts of each area (n, 2): Cochran (1977), *Sampling
+    Techniques*, 6.3; None for one area. With ``wider`` sqrt(2) that of the ratio on as many other areas of such ground.
     """
     count = len(by_area)
     if count < 2:
@@ -287,7 +287,7 @@ def ratio_interval(by_area: Array, most: float = 1.0, wider: float = 1.0) -> lis
     share = float(changed.sum() / judged.sum())
     spread = float(np.std(changed - share * judged, ddof=1) / judged.mean())
     half = wider * float(stdtrit(count - 1, 0.95)) * spread / math.sqrt(count)
-    return [max(0.0, share - half), min(most, share + half)]
+    return [max(0.0, share - half), share + half]
 
 
 @dataclass(frozen=True)
@@ -331,7 +331,7 @@ class Outcome:
         in what the region's border leaves of them.
         """
         whole = _work(self.level.jobs)
-        around = ratio_interval(self.parts, math.inf)
+        around = ratio_interval(self.parts)
         spent, work = self.parts.sum(axis=0)
         return float(spent / work * whole), around and [one * whole for one in around]
 
@@ -376,7 +376,7 @@ def _with_unit(field: str, value: Any) -> str:
     """A number, or several, with its unit."""
     unit = _UNITS[field.replace(".", "_").rpartition("_")[2]]
     figures = [number(one) for one in (value if isinstance(value, tuple) else (value,))]
-    return f"{' and '.join(figures)} {_ONE.get(unit, unit) if figures == ['1'] else unit}"
+    return f"{' and '.join(dict.fromkeys(figures))} {_ONE.get(unit, unit) if figures == ['1'] else unit}"
 
 
 def _told(config: BuildConfig, name: str, values: Mapping[str, Any]) -> tuple[str, str]:
@@ -447,7 +447,8 @@ def _too_late(slow_s: float) -> str:
 
 class Measurement:
     """Settings that are computed on a sample in ``workers``, until ``until``, a time of
-    `time.monotonic`. ``in_turn``: area by area, so that changes in the machine's speed affect all of them.
+    `time.monotonic`. ``in_turn``: area by area, so that changes in the machine's speed affect all of them. ``steps``: counts
+    the areas.
     """
 
     def __init__(
@@ -457,10 +458,11 @@ class Measurement:
         until: float,
         setting_s: float = 0.0,
         in_turn: bool = False,
+        steps: Steps | None = None,
     ) -> None:
         self.sample, self.until, self.in_turn = sample, until, in_turn
         self.workers, self.pool = workers
-        self.setting_s = setting_s
+        self.setting_s, self.steps = setting_s, steps or Steps()
         """Time of a setting as slow as the configuration."""
 
     def _turn(self, area: int, areas: int) -> float:
@@ -482,6 +484,7 @@ class Measurement:
                     continue
                 sample, level, parts = opened
                 open_[at] = (sample, level, parts, [None] * len(parts))
+                self.steps.more(len(parts))
                 every = list(range(len(parts)))
                 # of two passes all areas in one process, with one choice
                 passes = level.recipe.config.points.two_passes
@@ -495,6 +498,7 @@ class Measurement:
                 if self.pool is None:
                     for k, run in zip(some, _runs(jobs, same, len(level.jobs)), strict=True):
                         runs[k] = run
+                    self.steps.one(len(some))
                     continue
                 with children_start():
                     waiting[self.pool.submit(_runs, jobs, same, len(level.jobs))] = (at, some)
@@ -502,6 +506,7 @@ class Measurement:
                 at, some = waiting.pop(future)
                 for k, run in zip(some, future.result(), strict=True):
                     open_[at][3][k] = run
+                self.steps.one(len(some))
             for at in [n for n, (*_, runs) in open_.items() if all(r is not None for r in runs)]:
                 sample, level, parts, runs = open_.pop(at)
                 yield wanted[at], Outcome.of(sample, level, parts, runs)

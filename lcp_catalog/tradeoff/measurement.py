@@ -28,7 +28,7 @@ from ..production.area_job import AreaJob, Candidates, run_area
 from ..production.config import BuildConfig
 from ..production.executor import children_start, processes
 from ..production.run import Build
-from ..stages import Progress, unseen
+from ..stages import Steps
 from ..threads import limit_threads
 from .image_errors import (
     REFERENCE,
@@ -198,7 +198,7 @@ def measure_trade(
     areas: int = AREAS,
     rounds: int = ROUNDS,
     isolated: bool = True,
-    progress: Progress = unseen,
+    steps: Steps | None = None,
     limit_s: float = math.inf,
 ) -> Trade:
     """Compute some areas of a build in every tier and compare them.
@@ -213,7 +213,8 @@ def measure_trade(
     until = time.monotonic() + limit_s
     chosen = [build.jobs[i] for i in spread(build, areas)]
     jobs = [{tier: _in_tier(job, tier) for tier in TIERS} for job in chosen]
-    steps = _Steps(progress, total=len(jobs) * (2 + rounds * len(TIERS)) + len(TIERS))
+    steps = steps or Steps()
+    steps.begin(len(jobs) * (2 + rounds * len(TIERS)) + len(TIERS))
     images, runs = {tier: ImageChanges() for tier in TIERS}, {tier: Runs() for tier in TIERS}
     pictures: list[ErrorPicture] = []
     models, done, turns, area_s, round_s = ModelChanges(), 0, 0, 0.0, 0.0
@@ -261,18 +262,6 @@ def measure_trade(
     )
 
 
-class _Steps:
-    """Counter of the finished steps for the progress callback."""
-
-    def __init__(self, progress: Progress, total: int) -> None:
-        self._progress, self._total, self._done = progress, total, 0
-        progress(0, total)
-
-    def one(self) -> None:
-        self._done += 1
-        self._progress(self._done, self._total)
-
-
 def _taking_turns(turn: int) -> list[str]:
     """The tiers, starting with another one in each round."""
     names = list(TIERS)
@@ -317,7 +306,7 @@ def _images(
     job: dict[str, AreaJob],
     totals: dict[str, ImageChanges],
     first: bool,
-    steps: _Steps,
+    steps: Steps,
 ) -> list[ErrorPicture]:
     """Add the comparison of all images of an area to ``totals``; return its picture where nodes are wrong."""
     if first:

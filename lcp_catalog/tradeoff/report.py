@@ -25,11 +25,11 @@ from ..choices import LAWS_BY_COST
 from ..dem.public import Dems
 from ..errors import ConfigError
 from ..geometry.bounds import turned_deg
-from ..plots.numbers import number, page
+from ..plots.numbers import number, page, typeset
 from ..plots.pictures import data_uri
 from ..production.config import BuildConfig
 from ..production.public import planned_build
-from ..stages import Progress, unseen
+from ..stages import Progress, Steps, unseen
 from .charts import Row, knobs_chart, pareto, share_text, times
 from .confirmation import LIMIT_S, TIERS_SHARE, WORKERS, measure_all
 from .image_errors import CONTRAST, WINDOW, ErrorPicture, ModelChanges
@@ -56,12 +56,17 @@ POINTS_SHARE, CONDITIONS_SHARE = 0.02, 0.01
 """Largest shares of lost and gained points, and of changed conditions, of a nearly equal catalogue.
 """
 
+LEAST_POINTS = 19
+"""Points of reference that must be compared for another tier to be named for a catalogue: where none of so many is lost, up to
+15 % of all may be (`unseen_share`).
+"""
+
 FILES = ("trade.json", "trade.html", "trade.md")
 
 RULES = (
     f"“Equal” means that no node, no point and no condition differs from reference, and no detection probability by more than {DETECTION_CHANGE:g}; “nearly equal”, that at most "
     f"{100 * POINTS_SHARE:g} % of the points are lost or gained and at most {100 * CONDITIONS_SHARE:g} % of the conditions change. The fastest tier that "
-    f"qualifies is named; it must save at least {100 * SAVING:g} % against a more exact one. Time is CPU time, which equals wall time on an idle machine. "
+    f"qualifies is named; it must save at least {100 * SAVING:g} % against a more exact one; for a catalogue it is reference, where it has fewer than {LEAST_POINTS} points. Time is CPU time, which equals wall time on an idle machine. "
     "All tiers have the reflectance model named at the top here. A build without a stated one takes that of its own tier, and another model changes more: state it."
 )
 
@@ -115,14 +120,15 @@ def _from(folder: Path, config: BuildConfig) -> str:
 def advice(rows: list[Row]) -> list[str]:
     """Sentences that recommend a tier for each purpose, by `RULES`."""
     exact = rows[-1]
-    same = _pick(rows, "cpu_seconds", _same)
-    near = _pick(rows, "cpu_seconds", _nearly_same)
+    judged = rows if exact["points"] >= LEAST_POINTS else [exact]
+    same = _pick(judged, "cpu_seconds", _same)
+    near = _pick(judged, "cpu_seconds", _nearly_same)
     quick = _pick(rows, "cpu_seconds", lambda row: True)
     image = _pick(rows, "render_seconds", lambda row: row["sunlit_error_share"] == 0.0)
     glance = _pick(rows, "render_seconds", lambda row: True)
     return [
         f"For a catalogue equal to that of reference: {same['accuracy']}, {_cost(same, exact)}.",
-        f"For a nearly equal catalogue: {near['accuracy']}, {_cost(near, exact)}; {_effect(near)}.",
+        f"For a nearly equal catalogue: {near['accuracy']}, {_cost(near, exact)}{'' if near is exact else '; ' + _effect(near)}.",
         f"For a first overview of a region: {quick['accuracy']}, {_cost(quick, exact)}; {_effect(quick)}.",
         f"For images without a wrong node: {image['accuracy']}, in {times(image['render_relative'])} of the time of the reference images.",
         f"For fast images: {glance['accuracy']}, in {times(glance['render_relative'])} of that time, with "
@@ -156,6 +162,8 @@ def _nearly_same(row: Row) -> bool:
 
 
 def _cost(row: Row, exact: Row) -> str:
+    if row is exact and row["points"] < LEAST_POINTS:
+        return f"because so few points ({row['points']}) do not tell what another tier loses: measure more areas"
     if row is exact:
         return f"because no other tier that qualifies saves {100 * SAVING:g} %"
     return f"in {times(row['cpu_relative'])} of the time of reference"
@@ -175,7 +183,8 @@ def _effect(row: Row) -> str:
 
 
 def _change(change: dict[str, float | None], factor: float = 1.0) -> str:
-    return " / ".join("–" if v is None else number(factor * v, 2) for v in change.values())
+    parts = ("–" if v is None else number(factor * v, 2) for v in change.values())
+    return typeset(" / ".join(parts))
 
 
 def _memory(row: Row) -> str:
@@ -434,7 +443,7 @@ def trade(
     overwrite:
         True: replace existing files of the folder.
     progress:
-        Called with the number of runs done and of all.
+        Called with the number of runs done and of all that are known to come: a confirmation is known when it begins.
 
     Returns
     -------
@@ -462,17 +471,17 @@ def trade(
     if folder is not None:
         check_folder(folder, (*FILES, BEST), overwrite)
     require_one(budget_s, max_error, time_limit_s)
-    until = time.monotonic() + time_limit_s
+    until, steps = time.monotonic() + time_limit_s, Steps(progress)
     build = planned_build(dem, config, center=center, size_km=size_km, bounds=bounds, gsd_m=gsd_m)
     if len(build.levels) > 1:
         raise ConfigError(
             "the configuration has several levels, but the tiers are compared on one cell size: give `area.gsd_m`"
         )
     limit_s = TIERS_SHARE * time_limit_s or math.inf
-    found = measure_trade(build, areas or len(build.jobs), rounds, isolated, progress, limit_s)
+    found = measure_trade(build, areas or len(build.jobs), rounds, isolated, steps, limit_s)
     if time_limit_s > 0.0:
         budget, workers = Budget(budget_s, max_error), WORKERS if isolated else 0
-        found = measure_all(found, build, areas, budget, until, workers, progress)
+        found = measure_all(found, build, areas, budget, until, workers, steps)
     if folder is not None:
         write_trade(found, folder, overwrite)
     return found

@@ -23,6 +23,7 @@ from lcp_catalog.production.area_job import run_area
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.public import build_catalog
 from lcp_catalog.production.run import Build
+from lcp_catalog.stages import Steps
 from lcp_catalog.tradeoff import (
     charts,
     confirmation,
@@ -40,6 +41,9 @@ from lcp_catalog.tradeoff.point_changes import joined, usable_shares
 from lcp_catalog.tradeoff.proposal import relative
 
 EMPTY = Trade([], {}, None, ModelChanges())
+
+STEPS: list[tuple[int, int]] = []
+"""Steps done, and of how many, as `found` told them."""
 
 CONTRACT = {
     *("knob", "value", "default", "accuracy", "seconds", "memory_mb", "bytes"),
@@ -76,9 +80,23 @@ def found(build: Build) -> Trade:
     patch = pytest.MonkeyPatch()
     patch.setattr(confirmation, "settings", lambda config: SOME)
     try:
-        return measure_all(EMPTY, build, 2, Budget(error=1.0), math.inf, workers=0)
+        steps = Steps(lambda done, of: STEPS.append((done, of)))
+        return measure_all(EMPTY, build, 2, Budget(error=1.0), math.inf, workers=0, steps=steps)
     finally:
         patch.undo()
+
+
+def test_the_confirmation_is_counted_as_it_goes(found: Trade, build: Build) -> None:
+    """Area by area of both configurations after the last alternative, beside the start, both first runs and every alternative."""
+    row = found.best_row
+    assert row is not None
+    done = [k for k, _ in STEPS]
+    assert done == sorted(done)
+    assert all(k <= n for k, n in STEPS)
+    assert STEPS[-1] == (done[-1], done[-1])
+    before = 1 + 2 * 2 + len(SOME) + 1
+    assert before in done
+    assert done[-1] - before >= 2 * row["areas"] > 0
 
 
 @pytest.mark.slow
@@ -124,13 +142,22 @@ def test_an_interval_is_that_of_the_share_of_all_areas() -> None:
     even = np.array([[5.0, 100.0], [9.0, 100.0], [1.0, 100.0], [6.0, 100.0]])
     shares = even[:, 0] / 100.0
     expected = stats.t.interval(0.9, 3, shares.mean(), stats.sem(shares))
-    assert knobs.ratio_interval(even) == pytest.approx(list(np.clip(expected, 0.0, 1.0)), rel=1e-3)
+    own, changed = knobs.ratio_interval(even), knob_rows.changed_interval(even)
+    assert own == pytest.approx(list(np.clip(expected, 0.0, 1.0)), rel=1e-3)
+    assert own is not None
+    assert changed is not None
+    assert changed[0] == own[0]
+    # as far above in the logarithm as the other end was in the share itself
+    mean = float(shares.mean())
+    assert math.log(changed[1] / mean) == pytest.approx((expected[1] - mean) / mean, rel=1e-3)
+    assert knob_rows.changed_interval(np.array([[0.0, 9.0], [0.0, 8.0]])) == [0.0, 0.0]
+    assert knob_rows.changed_interval(np.array([[9.0, 9.0], [0.0, 8.0]])) == [0.0, 1.0]
     low, high = knobs.ratio_interval(np.array([[30.0, 3000.0], [0.0, 10.0], [0.0, 10.0]])) or (
         1.0,
         0.0,
     )
     assert low <= 30.0 / 3020.0 <= high < 0.02
-    assert knobs.ratio_interval(even[:1]) is None
+    assert knobs.ratio_interval(even[:1]) is knob_rows.changed_interval(even[:1]) is None
 
 
 def test_intervals_hold_for_as_many_other_areas() -> None:
@@ -141,9 +168,24 @@ def test_intervals_hold_for_as_many_other_areas() -> None:
         judged = rng.integers(500, 1500, (2, 24)).astype(float)
         changed = judged * rng.gamma(1.0 / 0.75**2, 0.02 * 0.75**2, (2, 24))
         here = np.stack([changed[0], judged[0]], 1)
-        low, high = knobs.ratio_interval(here, wider=math.sqrt(2.0)) or (1.0, 0.0)
+        low, high = knob_rows.changed_interval(here, math.sqrt(2.0)) or (1.0, 0.0)
         inside += low <= changed[1].sum() / judged[1].sum() <= high
     assert 0.85 < inside / runs < 0.95
+
+
+def test_intervals_hold_where_few_areas_change() -> None:
+    """Of eight areas that differ by 1.3 times their mean, as at 78 N, 9 in 10 other groups are within, and 8 by the ratio."""
+    rng = np.random.default_rng(7)
+    inside, runs = np.zeros(2), 1500
+    for _ in range(runs):
+        judged = rng.integers(500, 1500, (2, 8)).astype(float)
+        changed = judged * rng.gamma(1.0 / 1.3**2, 0.02 * 1.3**2, (2, 8))
+        share = changed[1].sum() / judged[1].sum()
+        for k, interval in enumerate((knob_rows.changed_interval, knobs.ratio_interval)):
+            low, high = interval(np.stack([changed[0], judged[0]], 1), math.sqrt(2.0)) or (1.0, 0.0)
+            inside[k] += low <= share <= high
+    assert 0.87 < inside[0] / runs < 0.95
+    assert inside[1] / runs < 0.85
 
 
 def test_the_interval_of_worth_allows_for_changes_that_no_area_shows() -> None:
@@ -158,7 +200,7 @@ def test_the_interval_of_worth_allows_for_changes_that_no_area_shows() -> None:
             both = np.stack([usual - lost + gained, usual], 1)
             (low, high), (below, above) = (
                 knob_rows.worth_interval(both, 2 * areas) or (1.0, 0.0),
-                knobs.ratio_interval(both, math.inf) or (1.0, 0.0),
+                knobs.ratio_interval(both) or (1.0, 0.0),
             )
             assert low <= below
             assert high >= above
@@ -422,7 +464,7 @@ def test_every_number_has_its_unit(changes: dict[str, Any]) -> None:
     assert found["cell size", "948 m"] == "474 m"
     assert found["far terrain", "30 km"] == "400 km"
     assert found["candidates per cell", "1 a cell"] == "2 a cell"
-    assert found["searched again near the limit", "0 and 0 of a probability"] == ""
+    assert found["searched again near the limit", "0 of a probability"] == ""
     assert found["accuracy tier", "draft"] == ""
     if changes:
         assert found["image scales", "1 scale"] == "2 scales"
@@ -475,7 +517,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     }  # fmt: skip
     some = dataclasses.replace(found, best_row=row, budget=Budget(error=0.05), untried=2)
     said = knob_table.best_said(some)
-    assert said[0].startswith("2 alternatives that it could take were not measured")
+    assert said[0].startswith("2 alternatives that this answer could take were not measured")
     assert said[1] == "To take (best.toml): a: 1."
     assert said[2].startswith("On this scene, measured together on 14 areas: ")
     assert "2 % (1 to 3 %) of the conditions changed" in said[2]

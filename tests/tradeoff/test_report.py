@@ -78,6 +78,20 @@ def test_advice_says_what_few_points_do_not_show(points: int, told: str) -> None
     )
 
 
+def test_few_points_name_no_tier_but_reference_for_a_catalogue() -> None:
+    """Also where every tier gives the same, as under load one area may; the quickest is named for a first look all the same."""
+    assert (
+        stats.beta.ppf(0.95, 1, report.LEAST_POINTS - 1)
+        > 0.15
+        > stats.beta.ppf(0.95, 1, report.LEAST_POINTS)
+    )
+    for points, tier in ((1, "reference"), (18, "reference"), (19, "draft")):
+        rows = [row(one, 3.0 + k, points=points) for k, one in enumerate(TIERS)]
+        said = report.advice(rows)
+        assert named(said)[:3] == [tier, tier, "draft"]
+        assert (f"few points ({points})" in said[0]) == (tier == "reference")
+
+
 def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:
     rows = [row("draft", 3.0, 1e-3), row("standard", 12.0, 1e-4), row("high", 6.0), row("reference", 10.0)]  # fmt: skip
     assert [r["accuracy"] for r in front(rows)] == ["draft", "high"]
