@@ -87,7 +87,6 @@ LISTED: dict[str, str] = {
         production.point_config 31 31 31
         kernels.matching.point_spread 1e-06
         kernels.matching.subpixel_fit 1e-06
-        kernels.sun_moments 1e-06
         production.first_look 9
         production.region_maps 9
         terrain.occlusion 8 8 8 16

@@ -1,10 +1,11 @@
 """What candidates are worth at places at real moments: the Sun stands in one direction, which has other angles at the
 candidate than at the place.
 
-Cells of a Sun grid are cut into parts. The lowest and the highest Sun in the middle of a part, where it can stand at a place, are
-moments; turned into the frame of a candidate one lies between four directions of the grid, whose claims are averaged as
-`catalog.prediction` does. A candidate is worth in a cell what it is worth at the worst of its moments. ``grid``: elevations and
-azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`); cell (i, j) has the number i a + j.
+Moments are the corners of where the Sun can stand in a cell of a Sun grid at a place, and Suns between them; and the one that is
+nearest to a camera behind which it passes, where relief shows least. Turned into the frame of a candidate a Sun lies between four
+directions of the grid, whose claims are averaged as `catalog.prediction` does. A candidate is worth in a cell what it is worth at
+the worst of its moments. ``grid``: elevations and azimuths in degrees, and the numbers of the next ones (`sun_cells.SunCells`);
+cell (i, j) has the number i a + j.
 """
 
 import math
@@ -14,23 +15,20 @@ import numpy as np
 from .cache import njit
 
 PART_DEG = 2.0, 5.0
-"""Greatest height and width of a part of a cell."""
+"""Greatest distance in elevation and azimuth of the moments of a cell."""
 
 UNKNOWN = 255
 """Code of a claim that was not evaluated."""
-
-_SAFETY = 1.2
-"""Factor of the first derivative of the elevation by the azimuth, for what the second ones add."""
 
 _EDGE_DEG = 1e-6
 """Slack at the ends of the claims."""
 
 
 @njit(nogil=True)
-def parts_of_cells(lat, grid, columns, limit, boxes):
-    """Parts of cells with a condition (``columns`` >= 0) in which the Sun can stand at a latitude, rows of cell,
-    least and greatest elevation and azimuth, degrees, in ``boxes``; returns their number. A part is as wide as the azimuths at
-    which the Sun can stand there: beyond them directions may not be evaluated.
+def moments_of_cells(lat, grid, columns, bound, moments):
+    """Suns in cells with a condition (``columns`` >= 0) that can stand at a latitude, rows of cell, elevation and azimuth,
+    degrees, in ``moments``; returns their number. ``bound``: greatest sine of the declination. Beyond it directions
+    may not be evaluated.
     """
     low, start, above, after = grid
     size = 0
@@ -38,112 +36,123 @@ def parts_of_cells(lat, grid, columns, limit, boxes):
         i, j = cell // len(start), cell % len(start)
         if columns[cell] < 0:
             continue
-        high, wide = low[above[i]] - low[i], (start[after[j]] - start[j]) % 360.0
-        ups, ons = math.ceil(high / PART_DEG[0]), math.ceil(wide / PART_DEG[1])
-        half, turn = high / ups / 2.0, wide / ons / 2.0
-        for u in range(ups):
-            middle = low[i] + (2 * u + 1) * half
-            el = math.radians(middle)
-            reach = math.radians(half + turn * math.cos(el) * math.cos(lat))
-            for o in range(ons):
-                towards = start[j] + (2 * o + 1) * turn
-                sine = math.sin(lat) * math.sin(el)
-                sine += math.cos(lat) * math.cos(el) * math.cos(math.radians(towards))
-                if abs(sine) > limit + reach:
-                    continue
-                boxes[size, 0] = cell
-                boxes[size, 1], boxes[size, 2] = middle - half, middle + half
-                boxes[size, 3], boxes[size, 4] = towards - turn, towards + turn
-                size += _narrowed(boxes[size], lat, limit)
+        high, west, begin = low[above[i]], start[j], size
+        east = west + (start[after[j]] - west) % 360.0
+        turning = 180.0 * math.ceil(west / 180.0)  # north or south
+        steps = math.ceil((high - low[i]) / PART_DEG[0])
+        for u in range(steps + 1):
+            el = low[i] + u * (high - low[i]) / steps
+            size = _on_level(el, west, east, lat, bound, moments, size)
+        for azimuth in (west, east, turning):
+            if azimuth <= east:
+                size = _on_line(azimuth, low[i], high, lat, bound, moments, size)
+        moments[begin:size, 0] = cell
     return size
 
 
 @njit(nogil=True)
-def _narrowed(box, lat, limit):
-    """Narrow a part (row of `parts_of_cells`) to the azimuths at which the Sun's declination is at most ``limit``; returns
-    False if there are none. sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az); its cos(az) is greatest and least at an
-    end of the elevations or where sin(el) = sin(lat) / sin(dec).
+def _on_level(elevation, west, east, lat, bound, moments, size):
+    """Add Suns of one elevation between two azimuths to ``moments`` (`moments_of_cells`), of which there are ``size``:
+    sin(dec) = sin(lat) sin(el) + cos(lat) cos(el) cos(az). Returns their number.
     """
-    west, east = box[3], box[4]
-    if math.floor(west / 180.0) != math.floor((east - 1e-9) / 180.0):
-        return True  # across north or south, where cos(az) turns
-    lows, highs = math.sin(math.radians(box[1])), math.sin(math.radians(box[2]))
-    least, most = math.inf, -math.inf
-    for bound in (-limit, limit):
-        turning = math.sin(lat) / bound
-        for rise in (lows, highs, min(max(turning, lows), highs)):
-            level = math.cos(lat) * math.sqrt(1.0 - rise * rise)
-            if level < 1e-6:
-                return True  # at a pole or at the zenith every azimuth
-            cosine = (bound - math.sin(lat) * rise) / level
-            least, most = min(least, cosine), max(most, cosine)
-    first = math.degrees(math.acos(min(1.0, max(-1.0, most))))
-    last = math.degrees(math.acos(min(1.0, max(-1.0, least))))
-    turns = 360.0 * math.floor(west / 360.0)
-    if west - turns >= 180.0:
-        first, last = 360.0 - last, 360.0 - first
-    box[3], box[4] = max(west, first + turns), min(east, last + turns)
-    return box[3] <= box[4] and least <= 1.0 and most >= -1.0
+    el = math.radians(elevation)
+    rise, level = math.sin(lat) * math.sin(el), max(math.cos(lat) * math.cos(el), 1e-12)
+    most, least = (bound - rise) / level, (-bound - rise) / level
+    if least > 1.0 or most < -1.0:
+        return size
+    first = math.degrees(math.acos(min(1.0, most)))
+    last = math.degrees(math.acos(max(-1.0, least)))
+    for begin, end in ((first, last), (360.0 - last, 360.0 - first), (360.0 + first, 360.0 + last)):
+        start, wide = max(begin, west), min(end, east) - max(begin, west)
+        steps = max(1, math.ceil(wide / PART_DEG[1]))
+        for k in range(steps + 1 if wide >= 0.0 else 0):
+            moments[size, 1], moments[size, 2] = elevation, start + k * wide / steps
+            size += 1
+    return size
 
 
 @njit(nogil=True)
-def _least(least, shown, sun, half, codes, inverse, slope, rule, grid):
-    """Lower the heights of peaks, or with margins the logits, of a candidate in each view (v,) to those at two moments; False if
-    one is beyond the claims, or if too little is known there.
+def _on_line(azimuth, low, high, lat, bound, moments, size):
+    """Add the Suns of one azimuth between two elevations with the least and the greatest declination (`_on_level`)."""
+    up, north = math.sin(lat), math.cos(lat) * math.cos(math.radians(azimuth))
+    length, turned = math.hypot(up, north), math.atan2(north, up)
+    if length <= bound:
+        return size
+    for sine in (-bound / length, bound / length):
+        for angle in (math.asin(sine), math.pi - math.asin(sine)):
+            elevation = (math.degrees(angle - turned) + 180.0) % 360.0 - 180.0
+            if low < elevation < high:
+                moments[size, 1], moments[size, 2] = elevation, azimuth
+                size += 1
+    return size
 
-    ``sun``: direction in the candidate's frame, ``half``: degrees by which the Sun stands lower and higher. ``codes``, ``inverse``
-    (v, e, a): of its claims, and one over how clearly relief shows there for its ``slope`` errors (`landmarks.relief_signal`).
-    ``rule``: `serve`; ``shown`` (v,): for use here.
+
+@njit(nogil=True)
+def _behind(view, lat, grid, bound):
+    """The Sun nearest to a direction that can stand at a latitude (3,), both east, north, up at the place; and the number of its
+    cell, -1 for none.
     """
+    pole = np.array([0.0, math.cos(lat), math.sin(lat)])
+    sine = view[1] * pole[1] + view[2] * pole[2]
+    height = min(max(sine, -bound), bound)
+    level = math.sqrt((1.0 - height * height) / max(1.0 - sine * sine, 1e-12))
+    sun = level * (view - sine * pole) + height * pole
+    i, j, _, _ = _below(sun, grid)
+    return sun, (i * len(grid[1]) + j if i >= 0 else -1)
+
+
+@njit(nogil=True)
+def _below(sun, grid):
+    """Numbers of the elevation and the azimuth of a grid below those of a direction, -1 below the lowest; and these, degrees."""
+    elevation = math.degrees(math.atan2(sun[2], math.hypot(sun[0], sun[1])))
+    azimuth = math.degrees(math.atan2(sun[0], sun[1])) % 360.0
+    i, j = np.searchsorted(grid[0], elevation, "right"), np.searchsorted(grid[1], azimuth, "right")
+    return i - 1, (j - 1) % len(grid[1]), elevation, azimuth
+
+
+@njit(nogil=True)
+def _least(least, sun, given, rule, grid):
+    """Lower the heights of peaks, or with margins the logits, of a candidate in each view (v,) to those under a Sun; False if
+    it is beyond the claims, or if too little is known there.
+
+    ``sun``: direction in the candidate's frame. ``given``: codes of its claims (v, e, a), one over how clearly relief shows there
+    for its slope errors (`landmarks.relief_signal`), and these. ``rule``: `serve`.
+    """
+    codes, inverse, slope = given
     low, start, above, after = grid
     heights, views, light, logits, step, _, margins, ends = rule
     albedo, least_cosine, least_shown = light
     between, beyond = margins
-    middle = math.degrees(math.atan2(sun[2], math.hypot(sun[0], sun[1])))
-    azimuth = math.degrees(math.atan2(sun[0], sun[1])) % 360.0
-    j = np.searchsorted(start, azimuth, side="right") - 1
-    j = j if j >= 0 else len(start) - 1
-    k = after[j]
-    if (
-        k == j
-        or k < 0
-        or middle - half < ends[0] - _EDGE_DEG
-        or middle + half > ends[1] + _EDGE_DEG
-    ):
+    i, j, el, azimuth = _below(sun, grid)
+    i, k = min(max(i, 0), len(low) - 2), after[j]
+    if k == j or k < 0 or above[i] != i + 1 or el < ends[0] - _EDGE_DEG or el > ends[1] + _EDGE_DEG:
         return False
     on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
-    flat = max(math.hypot(sun[0], sun[1]), 1e-12)
-    for el in (middle - half, middle + half):
-        up_here, along = math.sin(math.radians(el)), math.cos(math.radians(el)) / flat
-        mu0 = max(up_here, least_cosine)
-        for v in range(len(views)):
-            shown[v] = 1.0
-            if albedo > 0.0:
-                both = mu0 + max(views[v, 2], least_cosine)
-                east = (along * sun[0] + views[v, 0]) / both - along * sun[0] / mu0
-                north = (along * sun[1] + views[v, 1]) / both - along * sun[1] / mu0
-                square = max(east * east + north * north, least_shown * least_shown)
-                shown[v] = math.sqrt(square / (albedo * albedo + slope * slope * square))
-        i = min(max(np.searchsorted(low, el, side="right") - 1, 0), len(low) - 2)
-        if above[i] != i + 1:
-            return False
-        up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
-        first = (1.0 - up) * (1.0 - on) * (codes[0, i, j] != UNKNOWN)
-        second = (1.0 - up) * on * (codes[0, i, k] != UNKNOWN)
-        third = up * (1.0 - on) * (codes[0, i + 1, j] != UNKNOWN)
-        fourth = up * on * (codes[0, i + 1, k] != UNKNOWN)
-        total = first + second + third + fourth
-        if total < 0.5:
-            return False
-        for v in range(len(views)):
-            mean = first * heights[codes[v, i, j]] * inverse[v, i, j]
-            mean += second * heights[codes[v, i, k]] * inverse[v, i, k]
-            mean += third * heights[codes[v, i + 1, j]] * inverse[v, i + 1, j]
-            mean += fourth * heights[codes[v, i + 1, k]] * inverse[v, i + 1, k]
-            mean *= shown[v] / total
-            if between > 0.0:
-                mean = _looked_up(logits, mean / step) - between - beyond * (1.0 - total)
-            least[v] = min(least[v], mean)
+    up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
+    first = (1.0 - up) * (1.0 - on) * (codes[0, i, j] != UNKNOWN)
+    second = (1.0 - up) * on * (codes[0, i, k] != UNKNOWN)
+    third = up * (1.0 - on) * (codes[0, i + 1, j] != UNKNOWN)
+    fourth = up * on * (codes[0, i + 1, k] != UNKNOWN)
+    total = first + second + third + fourth
+    if total < 0.5:
+        return False
+    mu0 = max(sun[2], least_cosine)
+    for v in range(len(views)):
+        shown = 1.0
+        if albedo > 0.0:
+            both = mu0 + max(views[v, 2], least_cosine)
+            east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
+            north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
+            square = max(east * east + north * north, least_shown * least_shown)
+            shown = math.sqrt(square / (albedo * albedo + slope * slope * square))
+        mean = first * heights[codes[v, i, j]] * inverse[v, i, j]
+        mean += second * heights[codes[v, i, k]] * inverse[v, i, k]
+        mean += third * heights[codes[v, i + 1, j]] * inverse[v, i + 1, j]
+        mean += fourth * heights[codes[v, i + 1, k]] * inverse[v, i + 1, k]
+        mean *= shown / total
+        if between > 0.0:
+            mean = _looked_up(logits, mean / step) - between - beyond * (1.0 - total)
+        least[v] = min(least[v], mean)
     return True
 
 
@@ -156,18 +165,15 @@ def _looked_up(table, at):
 
 
 @njit(nogil=True)
-def _lower(worth, own, boxes, suns, tilt, codes, inverse, slope, rule, grid, least, shown):
-    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to the least at the moments of a cell's parts:
-    rows of `parts_of_cells` and their middles (n, 3) in its frame. ``tilt``: angle between the verticals of place and candidate;
-    ``least``, ``shown`` (v,): for use here.
+def _lower(worth, own, suns, given, rule, grid, least):
+    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to the least under Suns (n, 3) in its
+    frame. ``least`` (v,): for use here.
     """
     logits, step, limits, margins, _ = rule[3:]
     each = len(worth) // len(least)
     least[:] = np.inf
-    for m in range(len(boxes)):
-        half = (boxes[m, 2] - boxes[m, 1]) / 2.0
-        half += _SAFETY * tilt * (boxes[m, 4] - boxes[m, 3]) / 2.0
-        known = _least(least, shown, suns[m], half, codes, inverse, slope, rule, grid)
+    for m in range(len(suns)):
+        known = _least(least, suns[m], given, rule, grid)
         anything = False
         for v in range(len(least)):
             at = v * each + own
@@ -201,34 +207,34 @@ def serve(worth, found, near, frames, claims, rule, grid, columns, limit):
     codes, number, slopes, inverse = claims
     views = codes.shape[1]
     each = worth.shape[1] // views
-    size = 1
+    bound, size = math.sin(limit), 0
     for i in range(len(grid[0])):
-        high = grid[0][max(grid[2][i], i)] - grid[0][i]
-        size += (math.ceil(high / PART_DEG[0]) + 1) * (
-            len(grid[1]) + math.ceil(360.0 / PART_DEG[1])
-        )
-    boxes, suns = np.zeros((size, 5)), np.zeros((size, 3))
-    least, shown = np.zeros(views), np.zeros(views)
+        steps = math.ceil((grid[0][max(grid[2][i], i)] - grid[0][i]) / PART_DEG[0])
+        size += 4 * (steps + 4) * (len(grid[1]) + math.ceil(360.0 / PART_DEG[1]))
+    moments, suns = np.zeros((size, 3)), np.zeros((size, 3))
+    least = np.zeros(views)
     for p in range(len(lats)):
-        size = parts_of_cells(lats[p], grid, columns, limit, boxes)
+        size = moments_of_cells(lats[p], grid, columns, bound, moments)
         for m in range(size):
-            el = math.radians(boxes[m, 1] + boxes[m, 2]) / 2.0
-            az = math.radians(boxes[m, 3] + boxes[m, 4]) / 2.0
+            el, az = math.radians(moments[m, 1]), math.radians(moments[m, 2])
             suns[m, 0], suns[m, 1] = math.cos(el) * math.sin(az), math.cos(el) * math.cos(az)
             suns[m, 2] = math.sin(el)
             for v in range(views):
-                found[p, v * each + columns[int(boxes[m, 0])]] = True
+                found[p, v * each + columns[int(moments[m, 0])]] = True
         for pair in range(starts[p], starts[p + 1]):
             i, own = candidate[pair], worth[row[pair]]
             turns = others[i] @ axes[p].T
-            turned, tilt = suns[:size] @ turns.T, math.acos(min(1.0, max(-1.0, turns[2, 2])))
-            kind, begin = number[i], 0
+            turned, towards = suns[:size] @ turns.T, rule[1] @ turns
+            given, begin = (codes[i], inverse[number[i]], slopes[number[i]]), 0
             while begin < size:
-                cell, end = boxes[begin, 0], begin
-                while end < size and boxes[end, 0] == cell:
+                cell, end = moments[begin, 0], begin
+                while end < size and moments[end, 0] == cell:
                     end += 1
-                _lower(
-                    own, columns[int(cell)], boxes[begin:end], turned[begin:end], tilt, codes[i], inverse[kind],
-                    slopes[kind], rule, grid, least, shown,
-                )  # fmt: skip
+                _lower(own, columns[int(cell)], turned[begin:end], given, rule, grid, least)
                 begin = end
+            for v in range(views):
+                sun, there = _behind(towards[v], lats[p], grid, bound)
+                if there >= 0 and columns[there] >= 0:
+                    _lower(
+                        own, columns[there], sun.reshape(1, 3) @ turns.T, given, rule, grid, least
+                    )

@@ -53,7 +53,7 @@ NO_APPROXIMATIONS = {
         "_TWO_PI _UNSORTED _ZERO _ZERO "
         # integrals whose rest is below 1e-6, bounds with their margins, the fit of a match, whose sigma is measured
         "_APART _AT32 _FARTHEST_PX _FEWEST _LAST_STEP_PX _LONGER "
-        "_SAFETY _SETTLED_PX _SIGMAS _SURE _WEIGHTS32 _WHOLE_WEIGHTS points._MARGIN "
+        "_SETTLED_PX _SIGMAS _SURE _WEIGHTS32 _WHOLE_WEIGHTS points._MARGIN "
         # tables of whole numbers
         "POLAR_COS POLAR_SIN SIGMA_C SIGMA_P U_P V_P "
         # 2 to 4: codes of laws, sums in registers, fields of a product, the level where a ray starts

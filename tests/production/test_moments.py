@@ -146,7 +146,7 @@ def of_pairs(made: Made, cover: Cover, everywhere: Bytes) -> tuple[Bytes, Bytes]
 
 @pytest.mark.parametrize("lat_deg", [-88.5, 84.0, 26.0])
 def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
-    """To 3 % of probability, in few cases 9 % between moments 2 deg of elevation and 5 of azimuth apart; never where it leaves
+    """To 3 % of probability, in few cases 7 % between moments 2 deg of elevation and 5 of azimuth apart; never where it leaves
     the claims. Not so if each candidate is asked about the place's own angles, which differ by degrees.
     """
     made = Made(lat_deg)
@@ -158,8 +158,8 @@ def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
     assert happens[cover.place][seen < 255].all()
     assert np.count_nonzero(stands & far) > 2000
     over = told[stands].astype(int) - seen[stands]
-    assert (over > 3).mean() < 0.03
-    assert over[seen[stands] > 0].max() <= 9
+    assert (over > 3).mean() < 0.01
+    assert over[seen[stands] > 0].max() <= 7
     assert (told[stands][seen[stands] == 0] == 0).all()
     gap = seen[stands & far].astype(int) - told[stands & far]
     assert np.median(gap) <= 2
@@ -173,21 +173,31 @@ def test_a_place_is_told_the_least_at_all_moments(lat_deg: float) -> None:
         assert set(candidate[cover.place == place]) == set(np.flatnonzero(close))
 
 
-def test_a_place_is_told_how_little_shows_under_a_sun_near_the_views_direction() -> None:
-    """To 3 % of probability, in few cases 5 %, within 15 deg of the oblique view's direction, where that changes steeply."""
+@pytest.mark.parametrize(
+    ("elevation_deg", "azimuth_deg", "few"), [(40.0, 90.0, 0.0), (20.0, 97.0, 0.06)]
+)
+def test_a_place_is_told_how_little_shows_under_a_sun_near_the_views_direction(
+    elevation_deg: float, azimuth_deg: float, few: float
+) -> None:
+    """To 3 % of probability within 15 deg of the oblique view's direction, where that changes steeply; of a view 70 deg off the
+    nadir beside the grid's azimuths in few cases 10 %.
+    """
     made = Made(0.0)
+    made.views = made.views.copy()
+    up, on = np.radians([elevation_deg, azimuth_deg])
+    made.views[1] = np.cos(up) * np.sin(on), np.cos(up) * np.cos(on), np.sin(up)
     middle = (made.elevations[:-1] + made.elevations[1:]) / 2.0
     e, a = np.radians(np.meshgrid(middle, made.azimuths + 7.5, indexing="ij"))
     sun = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
-    away = np.degrees(np.arccos(sun @ np.array(OBLIQUE)))
+    away = np.degrees(np.arccos(sun @ made.views[1]))
     near = np.flatnonzero(away < 15.0) + away.size  # of the second view
     least, _ = made.least(60_000)
     told, seen = (units[:, near] for units in of_pairs(made, made.cover()[0], least))
     stands = (seen < 255) & (told < 255)
     assert np.count_nonzero(stands) > 300
     over = told[stands].astype(int) - seen[stands]
-    assert (over > 3).mean() < 0.02
-    assert over.max() <= 5
+    assert (over > 3).mean() <= few
+    assert over.max() <= 10
 
 
 def test_what_is_taken_together_is_worth_what_the_worst_is(monkeypatch: pytest.MonkeyPatch) -> None:
