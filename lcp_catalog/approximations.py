@@ -487,8 +487,8 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "moments of a promise",
-        Figure(0.4, "%", "the places under random Suns, whose units are fewer than told", MEASURED),
-        "the lowest and the highest Sun in the middle of parts of a cell, 2 by 5 deg: of 36 000 random Suns 0.4 % have fewer units than told (0.2 % at Hadley, by 8 % at most; 0.5 % at Taurus-Littrow, by 30 %); of 80 100 moments told as kept none lacks a unit at Hadley, 17 at Taurus-Littrow, with the Sun behind the camera (62e8687f, 2026-11-30). Of more than a million pairs of a candidate and a place, the worst place in a part of the circle around the candidate counts: 80 % of a promise is told as kept for 81 % (44140e46, 2026-11-29)",
+        Figure(0.01, "%", "the moments at random Suns, whose units are fewer than told", MEASURED),
+        "the corners of where the Sun can stand in a cell, and Suns at most 2 by 5 deg apart between them: of 38 000 random moments 0.01 % (2) have fewer units than told, by 1 %, and of 37 160 told as kept none lacks a unit (Hadley, Taurus-Littrow, 18 000 of them with the Sun within 15 deg of a camera; 00cea8b4, 2026-11-30). Of more than a million pairs of a candidate and a place, the worst place in a part of the circle around the candidate counts: 80 % of a promise is told as kept for 81 % (44140e46, 2026-11-29)",
         constants=("kernels.sun_moments.PART_DEG", "production.moments._SLOPE_STEP", "production.moments._HEIGHTS", "production.moments._ROWS", "production.moments._PARTS"),
         unpriced="no switch: a part is far below the steps of a grid of Suns", price="6.6 s of processor time where whole cells took 9.1 (125 000 pairs of 1500 made candidates and places, 5 views, 17b0d2b7, 2026-11-29)",
     ),
