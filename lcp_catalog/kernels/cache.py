@@ -86,9 +86,8 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 @functools.cache
 def key() -> str:
     """The name of the folders: the processor's level, and a digest of all that compiled code depends on."""
-    digest = hashlib.sha256(
-        b"machine code"
-    )  # former versions crash on files without LLVM's code: other folders
+    # former versions crash on files without LLVM's code: they look in folders that are named without these words
+    digest = hashlib.sha256(b"machine code")
     for path in sorted({*_HERE.rglob("*.py")} - _WITHOUT_CODE):
         digest.update(path.relative_to(_HERE).as_posix().encode() + b"\0" + path.read_bytes())
     libraries = numba.__version__, llvmlite.__version__, sys.implementation.cache_tag, target()
