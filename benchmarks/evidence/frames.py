@@ -114,8 +114,9 @@ class Frame:
 
     @property
     def squared(self) -> float:
-        """Squared error over the stated covariance, three degrees of freedom; NaN without either."""
-        return float(self.error_m @ np.linalg.solve(self.covariance, self.error_m))
+        """Squared error over the stated covariance, with the place that `locate` is told; three degrees of freedom, NaN without."""
+        known = np.linalg.inv(self.covariance) + np.eye(3) / BEFORE.position_m**2
+        return float(self.error_m @ known @ self.error_m)
 
 
 def work(folder: Path, data: Path, count: int) -> list[Frame]:
