@@ -114,9 +114,8 @@ class Frame:
 
     @property
     def squared(self) -> float:
-        """Squared error over the stated covariance, with the place that `locate` is told; three degrees of freedom, NaN without."""
-        known = np.linalg.inv(self.covariance) + np.eye(3) / BEFORE.position_m**2
-        return float(self.error_m @ known @ self.error_m)
+        """Squared error over the stated covariance, three degrees of freedom; NaN without either."""
+        return float(self.error_m @ np.linalg.solve(self.covariance, self.error_m))
 
 
 def work(folder: Path, data: Path, count: int) -> list[Frame]:
@@ -196,6 +195,8 @@ def _positioned(
     query = Query(attitude_sigma_rad=BEFORE.attitude_rad)
     (answer,) = answers(catalog, [PlannedImage.lit(camera, SunChoice())], query)
     stated = answer.position.position_covariance_m2
+    known = np.linalg.inv(np.full((3, 3), np.nan) if stated is None else stated)
+    known = known + np.eye(3) / BEFORE.position_m**2  # what `locate` is told beside the attitude
     dice = np.random.default_rng([SEED, 1, number])
     wrong = replace(
         camera,
@@ -207,7 +208,7 @@ def _positioned(
     error = np.full(3, np.nan)
     if fix.pose is not None:
         error = fix.pose.position_mcmf_m - camera.position_mcmf_m
-    return np.full((3, 3), np.nan) if stated is None else stated, answer.joint.located, error
+    return np.linalg.inv(known), answer.joint.located, error
 
 
 def _whole(catalog: Catalog, camera: Camera, rows: Index) -> Mask:

@@ -99,7 +99,7 @@ def together_table(groups: Groups) -> str:
         ]
         tenth = np.array([min(int(10.0 * stated), 9) for stated, _, _ in drawn], np.int64)
         bins = [np.array(drawn).reshape(-1, 3)[tenth == k] for k in range(10)]
-        columns.append([_told(of) if len(of) >= FEWEST else "-" for of in bins])
+        columns.append([_told(b) if len(b) >= FEWEST and np.ptp(b[:, 2]) else "-" for b in bins])
     rows = [
         [f"{k / 10:.1f}..{(k + 1) / 10:.1f}", *cells] for k, cells in enumerate(zip(*columns, strict=True))
     ]  # fmt: skip
@@ -110,9 +110,8 @@ def _told(drawn: Array) -> str:
     """Of subsets (n, 3): what is stated, the share that is observed, and its interval by drawing the images anew."""
     images, each = np.unique(drawn[:, 2], return_inverse=True)
     hits, count = np.bincount(each, drawn[:, 1]), np.bincount(each)
-    again = np.random.default_rng(35).multinomial(
-        len(images), np.ones(len(images)) / len(images), 1000
-    )
+    share = np.full(len(images), 1.0 / len(images))
+    again = np.random.default_rng(35).multinomial(len(images), share, 1000)
     low, high = np.percentile(again @ hits / (again @ count), [2.5, 97.5])
     stated, seen, _ = drawn.mean(axis=0)
     return f"{stated:.2f} -> {seen:.2f} ({low:.2f}..{high:.2f}; {len(drawn)}, {len(images)})"

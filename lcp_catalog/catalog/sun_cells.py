@@ -1,6 +1,6 @@
 """Cells between the angles of a catalogue's Suns: what a point needs at a cell's corners to be usable under all
-Suns in it, by the rules of `prediction`, except that relief shows alike everywhere in a cell (`landmarks.relief_signal`): a cell
-in which the Sun passes behind a camera promises too much.
+Suns in it, by the rules of `prediction`, except that relief shows alike everywhere in a cell (`landmarks.relief_signal`): too much
+where the Sun passes behind a camera. Promises take what points are worth at real moments from `kernels.sun_moments`.
 """
 
 from __future__ import annotations

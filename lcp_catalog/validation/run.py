@@ -425,12 +425,16 @@ def _residuals(
     """
     if located.pose is None and not request.pose_is_known:
         return None
+    if located.pose is None:
+        log.warning(
+            "%s is not located and counts in the fit: if its pose is wrong, leave it out",
+            image.name,
+        )
     searched = np.isin(located.matches.code, SEARCHED)
     found = located.matches.found[searched, None] & (located.pose is not None)
-    rows = located.matches.point[searched]
     pixels = np.where(found, located.matches.found_px[searched], np.nan)
     try:
-        return residuals_of(catalog, image, rows, pixels, request.law)
+        return residuals_of(catalog, image, located.matches.point[searched], pixels, request.law)
     except ImageError as error:
         log.info("%s: no residuals: %s", image.name, error)
         return None

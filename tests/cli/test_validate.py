@@ -369,7 +369,9 @@ def test_a_known_camera_is_the_reference_of_errors(place, claims, tmp_path) -> N
 
 
 @pytest.mark.slow
-def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, tmp_path) -> None:
+def test_a_known_camera_is_scored_where_the_image_is_not_located(
+    place, claims, tmp_path, caplog
+) -> None:
     """A wrong Sun: nothing is found that agrees, and with a known camera that counts against the
     claims, and for the fit of errors.
     """
@@ -396,6 +398,7 @@ def test_a_known_camera_is_scored_where_the_image_is_not_located(place, claims, 
         ]
         assert run(["validate", *fit]) == (4 if count else 1)
         assert fitted.exists() == bool(count)
+        assert ("frame.png is not located and counts" in caplog.text) == bool(count)
 
 
 @pytest.mark.slow
