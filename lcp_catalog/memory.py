@@ -22,6 +22,11 @@ def resident_mb() -> float:
     return _status_mb("VmRSS") or peak_mb()
 
 
+def mapped_mb() -> float:
+    """Resident memory of this process that is mapped files, of libraries mostly, MB; 0 where the system does not say it."""
+    return _status_mb("RssFile")
+
+
 def peak_mb() -> float:
     """Greatest resident memory of this process so far, MB.
 

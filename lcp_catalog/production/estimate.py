@@ -26,7 +26,7 @@ from ..ephemeris.solar_position import highest_sun_deg
 from ..errors import AreaFailedError
 from ..geometry.frames import lonlat_to_mcmf, mcmf_to_lonlat
 from ..landmarks.selection import Places, select
-from ..memory import peak_mb, resident_mb
+from ..memory import mapped_mb, peak_mb, resident_mb
 from ..rendering.costs import WITHIN, priced
 from ..rendering.decisions import Decision
 from ..stages import shares_of_time
@@ -57,9 +57,9 @@ STORED_SHARE = 0.8
 STORED_CLAIMS = 0.3
 """Bytes in the file for each byte of flags and packed claims (measured there: 0.26 and 0.33)."""
 
-NOT_MAPPED_MB = 110.0
-"""Of the libraries' files, which the process that plans has in memory and a worker that is forked has not
-(measured: 114 and 115 MB on the sample, 114 MB with cells of 118 m)."""
+FORKED_MAPPED_MB = 40.0
+"""Of the libraries' files in a worker that is forked. The process that plans has 150 MB of them in memory (114 and 115 MB
+more than a worker on the sample, 114 MB with cells of 118 m), and 60 to 106 MB more of those that have just been installed."""
 
 MERGE_MB = 20.0
 """Memory of the merge of the smallest build beside that of the plan."""
@@ -197,12 +197,13 @@ def _estimate(level: Level, workers: int, start_s: float, forked: bool) -> dict[
     here = min(workers, len(level.jobs)) == 1
     before_mb = (peak_mb(), resident_mb()) if here else planned_mb
     merge_mb = _merge_mb(level, points, candidates)
+    unmapped_mb = mapped_mb() - FORKED_MAPPED_MB if forked and not here else 0.0
     found: dict[str, Any] = {
         "areas": len(level.jobs),
         "suns": max(c.count for c in conditions) // len(config.view),
         "views": len(config.view),
         "cell_renders": cells,
-        "memory_mb_per_worker": round(peak_mb() - (NOT_MAPPED_MB if forked and not here else 0.0)),
+        "memory_mb_per_worker": round(peak_mb() - unmapped_mb),
         "memory_mb_parent": round(max(before_mb[0], before_mb[1] + merge_mb)),
         "seconds_estimate": round(
             start_s + _seconds(level, measured, seconds, min(workers, len(level.jobs))), 1

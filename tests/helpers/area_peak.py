@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lcp_catalog.dem import block_cache
-from lcp_catalog.memory import _status_mb, peak_mb
+from lcp_catalog.memory import mapped_mb, peak_mb
 from lcp_catalog.production.area_job import AreaJob, run_area
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.estimate import estimate
@@ -37,7 +37,7 @@ def area_peak(job: AreaJob) -> AreaPeak:
     """Compute an area on one thread."""
     limit_threads(1)
     finished_area(run_area(job), job.recipe.config)
-    return AreaPeak(peak_mb(), _status_mb("RssFile"), block_cache._store.limit_bytes)
+    return AreaPeak(peak_mb(), mapped_mb(), block_cache._store.limit_bytes)
 
 
 def build_peak_mb(dem: str, config: BuildConfig, output: Path, jobs: int) -> float:
