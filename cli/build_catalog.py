@@ -15,20 +15,12 @@ import click
 
 from lcp_catalog.stages import Progress, unseen
 
+from . import options
 from .build_options import OPTIONS, PartParam, build_options
 from .files import FileCommand, OutputFile, depfile_option
 from .groups import collected
 from .messages import echo, log_format_option, say
 from .names import option as option_of
-from .options import (
-    altitude_option,
-    camera_file_option,
-    dem_argument,
-    json_option,
-    output_option,
-    overwrite_option,
-    trajectory_option,
-)
 from .value_types import POSITIVE, Number
 from .warm_up import compile_missing
 
@@ -102,12 +94,12 @@ class PlannedImages:
 image_options = collected(
     "images",
     PlannedImages,
-    camera_file_option(
+    options.camera_file_option(
         "Camera of an image that the catalogue is for; repeat for more. It gives the views and, unless they are "
         "stated, the Suns (of the camera's Sun or time), the cells, the footprint and the region.",
         multiple=True,
     ),
-    trajectory_option(
+    options.trajectory_option(
         "The same for the frames of a trajectory, as in lcp query; a CSV needs --camera."
     ),
     click.option(
@@ -118,7 +110,7 @@ image_options = collected(
         help="The same for a camera that looks straight down anywhere: angle along a side of its square image. It gives "
         "views and footprint.",
     ),
-    altitude_option("With --field-of-view: altitude of the camera."),
+    options.altitude_option("With --field-of-view: altitude of the camera."),
 )
 
 
@@ -199,7 +191,7 @@ mode_options = collected(
         help="Print the number of areas and conditions, and estimates of time, file size and memory; with `lcp -v` also the "
         "decisions of the scene plan. Up to five areas are computed for the estimates; nothing is written.",
     ),
-    json_option("With --plan or --list-parts: print one JSON object."),
+    options.json_option("With --plan or --list-parts: print one JSON object."),
 )
 
 run_options = collected(
@@ -237,7 +229,7 @@ run_options = collected(
         "point or keeps less than half of its promise: those that help are named with their price. Default: as long as the "
         "areas took, at most 30 s. 0: none is tried.",
     ),
-    overwrite_option,
+    options.overwrite_option,
 )
 
 
@@ -246,8 +238,8 @@ run_options = collected(
     cls=FileCommand,
     example="lcp build-catalog DEM.tif -o site.h5 --center 3.5 26 --size 60",
 )
-@dem_argument
-@output_option("CATALOG.h5", OutputFile(replaced=True), required=False)
+@options.dem_argument
+@options.output_option("CATALOG.h5", OutputFile(replaced=True), required=False)
 @build_options(OPTIONS)
 @image_options
 @run_options

@@ -20,7 +20,7 @@ from lcp_catalog.production.config import BuildConfig
 
 from .files import BRIGHTNESS, RASTER, InputFile, config_files
 from .groups import Decorator, collected, option_group
-from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number, ParamType
+from .value_types import AREA_BOUNDS, LAW, PLACE, Names, Number, ParamType, Read
 
 if TYPE_CHECKING:
     from lcp_catalog.production.model_config import ModelConfig
@@ -29,75 +29,67 @@ NUMBERS_MAX = 3600
 """Most numbers of a list START:STOP:STEP: a tenth of a degree around the horizon."""
 
 
-class NumberList(ParamType):
+class NumberList(Read):
     """Comma-separated numbers, or START:STOP:STEP with both ends included."""
 
     name = "numbers"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
-        if isinstance(value, tuple):
-            return value
+    def read(self, text: str) -> tuple[float, ...]:
         try:
-            if ":" in value:
-                start, stop, step = (float(part) for part in value.split(":"))
-                if not step > 0 or not math.isfinite((stop - start) / step):
-                    self.fail(f"{value!r}: the step must be positive", param, ctx)
-                count = math.floor((stop - start) / step + 1e-9) + 1
-                if count > NUMBERS_MAX:
-                    self.fail(f"{value!r} is {count} numbers, at most {NUMBERS_MAX}", param, ctx)
-                return tuple(start + i * step for i in range(count))
-            return tuple(float(part) for part in value.split(","))
+            if ":" not in text:
+                return tuple(float(part) for part in text.split(","))
+            start, stop, step = (float(part) for part in text.split(":"))
         except ValueError:
-            self.fail(f"{value!r} is neither A,B,C nor START:STOP:STEP", param, ctx)
+            raise click.BadParameter(f"{text!r} is neither A,B,C nor START:STOP:STEP") from None
+        if not step > 0 or not math.isfinite((stop - start) / step):
+            raise click.BadParameter(f"{text!r}: the step must be positive")
+        count = math.floor((stop - start) / step + 1e-9) + 1
+        if count > NUMBERS_MAX:
+            raise click.BadParameter(f"{text!r} is {count} numbers, at most {NUMBERS_MAX}")
+        return tuple(start + i * step for i in range(count))
 
 
-class ViewParam(ParamType):
+class ViewParam(Read):
     """OFF_NADIR[:AZIMUTH[:ALTITUDE_KM]]."""
 
     name = "view"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
+    def read(self, text: str) -> tuple[float, ...]:
         try:
-            parts = [float(part) for part in value.split(":")]
+            parts = [float(part) for part in text.split(":")]
         except ValueError:
             parts = []
         if not 1 <= len(parts) <= 3 or (len(parts) == 1 and parts[0] != 0.0):
-            self.fail(f"{value!r} is not OFF_NADIR:AZIMUTH[:ALTITUDE_KM] (or 0)", param, ctx)
+            raise click.BadParameter(f"{text!r} is not OFF_NADIR:AZIMUTH[:ALTITUDE_KM] (or 0)")
         return (*parts, *(0.0, math.inf)[len(parts) - 1 :])
 
 
-class Altitudes(ParamType):
+class Altitudes(Read):
     """KM-KM, lowest and highest altitude."""
 
     name = "altitudes"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[float, ...]:
+    def read(self, text: str) -> tuple[float, ...]:
         try:
-            low, high = (float(part) for part in str(value).split("-"))
+            low, high = (float(part) for part in text.split("-"))
         except ValueError:
             low, high = math.nan, math.nan
         if not 0.0 < low <= high < math.inf:
-            self.fail(f"{value!r} is not KM-KM, lowest and highest, for example 5-100", param, ctx)
+            raise click.BadParameter(
+                f"{text!r} is not KM-KM, lowest and highest, for example 5-100"
+            )
         return low, high
 
 
-class PartParam(ParamType):
+class PartParam(Read):
     """K/N."""
 
     name = "part"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(value))
+    def read(self, text: str) -> tuple[int, int]:
+        found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
         if not found or not 1 <= int(found[1]) <= int(found[2]):
-            self.fail(f"{value!r} is not K/N with K from 1 to N, for example 3/16", param, ctx)
+            raise click.BadParameter(f"{text!r} is not K/N with K from 1 to N, for example 3/16")
         return int(found[1]), int(found[2])
 
 

@@ -10,18 +10,10 @@ from typing import Any
 
 import click
 
+from . import options
 from .files import CATALOG, FileCommand, InputFile
 from .groups import Decorator, option_group
 from .messages import EXIT_NO, echo, say
-from .options import (
-    camera_file_option,
-    dems_option,
-    json_option,
-    other_output_option,
-    output_option,
-    overwrite_option,
-    range_option,
-)
 from .sun import range_of, times_of
 from .value_types import POSITIVE, Instant, KeyNumbers, Number
 
@@ -43,12 +35,12 @@ def command() -> None:
     metavar="CATALOG.h5",
     help="Catalogue whose points the camera should see.",
 )
-@dems_option("DEMs whose ground the camera should see.")
-@json_option()
-@other_output_option(
+@options.dems_option("DEMs whose ground the camera should see.")
+@options.json_option()
+@options.other_output_option(
     "--plot", "OUT.svg", "Also draw the image's outline on the ground, the limb and the points."
 )
-@overwrite_option
+@options.overwrite_option
 def info(
     camera: str,
     catalog: str | None,
@@ -116,7 +108,7 @@ def spice_options(required: bool) -> Decorator:
 )
 @spice_options(required=True)
 @click.option("--time", type=Instant(), metavar="UTC", help="Of a framing camera: the instant.")
-@range_option("Of a framing camera: a trajectory, a camera each STEP (30s, 1m, PT1M).")
+@options.range_option("Of a framing camera: a trajectory, a camera each STEP (30s, 1m, PT1M).")
 @click.option(
     "--start", type=Instant(), metavar="UTC", help="Of a line scanner: begin of the first line."
 )
@@ -150,8 +142,8 @@ def spice_options(required: bool) -> Decorator:
     metavar="NAME",
     help="The Moon's frame; default: the kernels' mean-Earth frame MOON_ME, in which catalogues are.",
 )
-@output_option("CAMERA.json")
-@overwrite_option
+@options.output_option("CAMERA.json")
+@options.overwrite_option
 def from_spice(
     kernels: tuple[str, ...],
     observer: str,
@@ -206,9 +198,11 @@ def from_spice(
 @click.option(
     "--aem", required=True, type=InputFile(), metavar="FILE", help="Attitude: CCSDS AEM, text."
 )
-@camera_file_option("The camera: lens and image size; its place is not used.", required=True)
+@options.camera_file_option(
+    "The camera: lens and image size; its place is not used.", required=True
+)
 @click.option("--time", type=Instant(), metavar="UTC", help="One camera, at an instant.")
-@range_option("A trajectory, a camera each STEP (30s, 1m, PT1M).")
+@options.range_option("A trajectory, a camera each STEP (30s, 1m, PT1M).")
 @kernels_option(
     "SPICE kernels with the Moon's orientation (PCK, FK), for messages in an inertial frame."
 )
@@ -220,8 +214,8 @@ def from_spice(
     metavar="W X Y Z",
     help="Quaternion from the axes of the AEM's body to those of the camera (right, down, ahead).",
 )
-@output_option("CAMERA.json")
-@overwrite_option
+@options.output_option("CAMERA.json")
+@options.overwrite_option
 def from_ccsds(
     oem: str,
     aem: str,
@@ -259,8 +253,8 @@ def from_ccsds(
     help="Of lcp validate, whose images had these cameras, in this order: write the solved positions and attitudes.",
 )
 @spice_options(required=False)
-@output_option("OUT.json|.bsp|.bc")
-@overwrite_option
+@options.output_option("OUT.json|.bsp|.bc")
+@options.overwrite_option
 def export(
     cameras: tuple[str, ...],
     report: str | None,

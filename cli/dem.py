@@ -6,16 +6,9 @@ import json
 
 import click
 
-from . import dem_check
+from . import dem_check, options
 from .files import FileCommand
 from .messages import echo, say
-from .options import (
-    dem_argument,
-    json_option,
-    other_output_option,
-    overwrite_option,
-    product_order_option,
-)
 from .value_types import PLACE
 
 
@@ -30,8 +23,8 @@ command.add_command(dem_check.command)
 @command.command(
     cls=FileCommand, rule=True, example="lcp dem info LDEM_*.LBL --at 0 -89.5 --map used.png"
 )
-@dem_argument
-@json_option("Print one JSON list, one object for each file.")
+@options.dem_argument
+@options.json_option("Print one JSON list, one object for each file.")
 @click.option(
     "--at",
     "places",
@@ -49,14 +42,14 @@ command.add_command(dem_check.command)
 @click.option(
     "--quick", is_flag=True, help="Read no pixels: print no heights and no missing pixels."
 )
-@other_output_option(
+@options.other_output_option(
     "--map",
     "OUT.png",
     "Also write a map of the product used at each place, over shaded relief (not with --quick).",
     "map_path",
 )
-@product_order_option
-@overwrite_option
+@options.product_order_option
+@options.overwrite_option
 def info(
     dem: tuple[str, ...],
     as_json: bool,

@@ -7,102 +7,42 @@ import click
 from .names import long_name
 
 GROUPS = {
-    # heading: flags, in the order of the help
-    "Area": (
-        *("--center", "--lon", "--lat", "--height", "--at", "--size", "--bounds", "--around"),
-        *("--gsd", "--surface", "--level"),
-    ),
-    "Cell sizes": ("--levels", "--altitudes", "--ifov"),
-    "Sun and light": (
-        *("--sun-azimuth", "--sun-elevation", "--sun-azimuths", "--sun-elevations"),
-        *("--time", "--range", "--subsolar", "--sun", "--earthshine", "--bounce"),
-        *("--environment", "--environment-azimuth", "--environment-sources", "--sun-sky-ratio"),
-    ),
-    "Camera and view": (
-        *(
-            "--camera",
-            "--trajectory",
-            "--for-trajectory",
-            "--oem",
-            "--aem",
-            "--mounting",
-            "--kernels",
-            "--observer",
-            "--instrument",
-            "--start",
-            "--stop",
-            "--line-time",
-            "--summing",
-            "--ik",
-            "--body-frame",
-            "--report",
-            "--fov",
-            "--field-of-view",
-            "--altitude",
-            "--look",
-            "--image-size",
+    heading: flags.split()
+    for heading, flags in {
+        "Area": "--center --lon --lat --height --at --size --bounds --around --gsd --surface --level",
+        "Cell sizes": "--levels --altitudes --ifov",
+        "Sun and light": (
+            "--sun-azimuth --sun-elevation --sun-azimuths --sun-elevations --time --range --subsolar --sun "
+            "--earthshine --bounce --environment --environment-azimuth --environment-sources --sun-sky-ratio"
         ),
-        *("--view", "--off-nadir", "--view-azimuth", "--frame"),
-        *("--shadow-catcher", "--background", "--background-white"),
-    ),
-    "Catalogue": ("--catalog",),
-    "DEM": ("--dem", "--product-order", "--dem-sigma", "--dem-resolution"),
-    "Brightness and accuracy": (
-        *("--reflectance", "--albedo", "--albedo-encoding", "--albedo-reference"),
-        *("--accuracy", "--tolerance"),
-    ),
-    "Points": (
-        *("--spacing", "--located-probability", "--per-view", "--footprint"),
-        *("--max-points", "--max-bytes", "--search", "--passes"),
-        *("--noise", "--max", "--min-points", "--image-scale"),
-    ),
-    "What is known before": (
-        *("--position-sigma", "--attitude-sigma", "--height-sigma", "--map-sigma"),
-        *("--pixel-sigma", "--known-pose"),
-    ),
-    "Windows": ("--window", "--step", "--remove-offset"),
-    "Image": (
-        *("--encoding", "--band", "--nodata", "--faint", "--blur", "--shot-share", "--exposure"),
-        *("--bits", "--seed", "--samples"),
-    ),
-    "Fit": ("--c", "--refractive-index", "--polarisation", "--normalize", "--name"),
-    "Run": (
-        *(
-            "--config",
-            "--jobs",
-            "--memory",
-            "--scheduler",
-            "--part",
-            "--list-parts",
-            "--select",
-            "--merge",
+        "Camera and view": (
+            "--camera --trajectory --for-trajectory --oem --aem --mounting --kernels --observer --instrument "
+            "--start --stop --line-time --summing --ik --body-frame --report --fov --field-of-view --altitude "
+            "--look --image-size --view --off-nadir --view-azimuth --frame --shadow-catcher --background "
+            "--background-white"
         ),
-        *(
-            "--resume",
-            "--keep-going",
-            "--try-cures",
-            "--areas",
-            "--rounds",
-            "--budget",
-            "--max-error",
-            "--time-limit",
+        "Catalogue": "--catalog",
+        "DEM": "--dem --product-order --dem-sigma --dem-resolution",
+        "Brightness and accuracy": "--reflectance --albedo --albedo-encoding --albedo-reference --accuracy --tolerance",
+        "Points": (
+            "--spacing --located-probability --per-view --footprint --max-points --max-bytes --search --passes "
+            "--noise --max --min-points --image-scale"
         ),
-    ),
-    "Output": (
-        *("--output", "--preview", "--map", "--plot", "--chart", "--fit-errors", "--dossier"),
-        *(
-            "--evidence",
-            "--require",
-            "--located",
-            "--list",
-            "--set",
-            "--quick",
-            "--plan",
-            "--explain",
-            "--json",
+        "What is known before": "--position-sigma --attitude-sigma --height-sigma --map-sigma --pixel-sigma --known-pose",
+        "Windows": "--window --step --remove-offset",
+        "Image": (
+            "--encoding --band --nodata --faint --blur --shot-share --exposure --bits --seed --samples"
         ),
-        *("--depfile", "--overwrite", "--log-format", "--help"),
-    ),
+        "Fit": "--c --refractive-index --polarisation --normalize --name",
+        "Run": (
+            "--config --jobs --memory --scheduler --part --list-parts --select --merge --resume --keep-going "
+            "--try-cures --areas --rounds --budget --max-error --time-limit"
+        ),
+        "Output": (
+            "--output --preview --map --plot --chart --fit-errors --dossier --evidence --require --located "
+            "--list --set --quick --plan --explain --json --depfile --overwrite --log-format --help"
+        ),
+    }.items()
 }
 """Flags of all commands by what they are about; a flag has one place in every command."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,7 +13,7 @@ from .files import FileCommand, OutputFile
 from .messages import echo, say
 from .options import dem_argument, output_option, overwrite_option
 from .progress import progress
-from .value_types import Number, ParamType
+from .value_types import Number, Read
 
 if TYPE_CHECKING:
     from lcp_catalog.production.config import BuildConfig
@@ -22,19 +22,17 @@ if TYPE_CHECKING:
 ALL = "all"
 
 
-class AreaCount(ParamType):
+class AreaCount(Read):
     """N, or all."""
 
     name = "areas"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> int | str:
-        if value == ALL:
+    def read(self, text: str) -> int | str:
+        if text == ALL:
             return ALL
-        if not str(value).isdigit() or int(value) < 1:
-            self.fail(f"{value!r} is not a number of at least 1, or {ALL}", param, ctx)
-        return int(value)
+        if not text.isdigit() or int(text) < 1:
+            raise click.BadParameter(f"{text!r} is not a number of at least 1, or {ALL}")
+        return int(text)
 
 
 def _written(folder: str) -> Iterator[Path]:

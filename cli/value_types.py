@@ -57,8 +57,8 @@ class Distance(Number):
         return super().convert(value, param, ctx)
 
 
-class _Read(ParamType):
-    """A value that the library reads, `read`; its error is a usage error."""
+class Read(ParamType):
+    """A value that `read` makes of its text, and BadParameter if it cannot; an error of the library is one, too."""
 
     read: Callable[[str], Any]
 
@@ -66,12 +66,12 @@ class _Read(ParamType):
         from lcp_catalog.errors import LcpError
 
         try:
-            return self.read(str(value))
+            return self.read(value) if isinstance(value, str) else value
         except LcpError as error:
             self.fail(f"{error}.", param, ctx)
 
 
-class Instant(_Read):
+class Instant(Read):
     """A time in ISO 8601; UTC if it has no time zone."""
 
     name = "time"
@@ -83,7 +83,7 @@ class Instant(_Read):
         return text
 
 
-class Step(_Read):
+class Step(Read):
     """Time step like 30m, 6h, 1d, 3600s or PT6H; converted to seconds."""
 
     name = "step"
@@ -94,7 +94,7 @@ class Step(_Read):
         return step_seconds(text)
 
 
-class Law(_Read):
+class Law(Read):
     """Name of a reflectance model, with an optional parameter set after a colon, or ``auto``."""
 
     name = "law"
@@ -140,34 +140,28 @@ AZIMUTH = Number(-360, 360)
 PLACE, AREA_BOUNDS = click.Tuple([LONGITUDE, LATITUDE]), click.Tuple([LONGITUDE, LATITUDE] * 2)
 
 
-class Names(ParamType):
+class Names(Read):
     """Names separated by commas."""
 
     name = "names"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        if isinstance(value, tuple):
-            return value
-        names = tuple(name.strip() for name in value.split(","))
+    def read(self, text: str) -> tuple[str, ...]:
+        names = tuple(name.strip() for name in text.split(","))
         if not all(names):
-            self.fail(f"{value!r} is not NAME,NAME...", param, ctx)
+            raise click.BadParameter(f"{text!r} is not NAME,NAME...")
         return names
 
 
-class KeyNumbers(ParamType):
+class KeyNumbers(Read):
     """``KEY=NUMBER``, or several numbers separated by commas."""
 
     name = "numbers"
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, tuple[float, ...]]:
-        if isinstance(value, tuple):
-            return value
-        key, _, numbers = value.partition("=")
+    def read(self, text: str) -> tuple[str, tuple[float, ...]]:
+        key, _, numbers = text.partition("=")
         try:
             return key.strip(), tuple(float(one) for one in numbers.split(","))
         except ValueError:
-            self.fail(f"{value!r} is not KEY=NUMBER or KEY=NUMBER,NUMBER...", param, ctx)
+            raise click.BadParameter(
+                f"{text!r} is not KEY=NUMBER or KEY=NUMBER,NUMBER..."
+            ) from None
