@@ -8,8 +8,8 @@ relative to it. They are measured (the tests check them), except the bound on ca
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 from .errors import ConfigError
 
@@ -92,87 +92,33 @@ class Accuracy:
         return self.node_error == 0.0
 
 
-TIERS = {
-    row.tier: row
-    for row in (
-        Accuracy(
-            tier="draft",
-            node_error=5e-3,
-            tolerance=5e-3,
-            disc=False,
-            float64=False,
-            shadows="lines",
-            shadow_method="two scan lines per column and the nearest cells",
-            far_doubt=0.02,
-            disc_strips=1,
-            disc_directions=16,
-            disc_rms=0.07,
-            sky_directions=(16, 8),
-            sky_tier="draft",
-            sky_rms=0.006,
-            whole_search=False,
-            own_sun_deg=0.0,
-            law_residual=0.1,
-        ),
-        Accuracy(
-            tier="standard",
-            node_error=2e-4,
-            tolerance=2e-4,
-            disc=False,
-            float64=False,
-            shadows="likely",
-            shadow_method="a proved bound for lit nodes, two scan lines for dark ones, rays for the others",
-            far_doubt=1.0,
-            disc_strips=3,
-            disc_directions=128,
-            disc_rms=0.002,
-            sky_directions=(32, 8),
-            sky_tier="draft",
-            sky_rms=0.004,
-            whole_search=False,
-            own_sun_deg=0.0,
-            law_residual=0.05,
-        ),
-        Accuracy(
-            tier="high",
-            node_error=0.0,
-            tolerance=2e-5,
-            disc=True,
-            float64=False,
-            shadows="proved",
-            shadow_method="proved bounds for lit and dark nodes, rays for the others",
-            far_doubt=None,
-            disc_strips=9,
-            disc_directions=512,
-            disc_rms=0.0005,
-            sky_directions=(64, 16),
-            sky_tier="high",
-            sky_rms=0.0015,
-            whole_search=True,
-            own_sun_deg=15.0,
-            law_residual=0.01,
-        ),
-        Accuracy(
-            tier="reference",
-            node_error=0.0,
-            tolerance=0.0,
-            disc=True,
-            float64=True,
-            shadows="rays",
-            shadow_method="a ray from every node",
-            far_doubt=None,
-            disc_strips=None,
-            disc_directions=2048,
-            disc_rms=1e-4,
-            sky_directions=(128, 32),
-            sky_tier="high",
-            sky_rms=0.0006,
-            whole_search=True,
-            own_sun_deg=15.0,
-            law_residual=0.0,
-        ),
-    )
+_COLUMNS: dict[str, tuple[Any, ...]] = {
+    "tier": ("draft", "standard", "high", "reference"),
+    "node_error": (5e-3, 2e-4, 0.0, 0.0),
+    "tolerance": (5e-3, 2e-4, 2e-5, 0.0),
+    "disc": (False, False, True, True),
+    "float64": (False, False, False, True),
+    "shadows": ("lines", "likely", "proved", "rays"),
+    "shadow_method": (
+        "two scan lines per column and the nearest cells",
+        "a proved bound for lit nodes, two scan lines for dark ones, rays for the others",
+        "proved bounds for lit and dark nodes, rays for the others",
+        "a ray from every node",
+    ),
+    "far_doubt": (0.02, 1.0, None, None),
+    "disc_strips": (1, 3, 9, None),
+    "disc_directions": (16, 128, 512, 2048),
+    "disc_rms": (0.07, 0.002, 0.0005, 1e-4),
+    "sky_directions": ((16, 8), (32, 8), (64, 16), (128, 32)),
+    "sky_tier": ("draft", "draft", "high", "high"),
+    "sky_rms": (0.006, 0.004, 0.0015, 0.0006),
+    "whole_search": (False, False, True, True),
+    "own_sun_deg": (0.0, 0.0, 15.0, 15.0),
+    "law_residual": (0.1, 0.05, 0.01, 0.0),
 }
+"""Each setting of the tiers, in their order."""
+
+TIERS = {row.tier: row for row in map(Accuracy, *(_COLUMNS[one.name] for one in fields(Accuracy)))}
 """Tiers by name, from the fastest to the most exact."""
 
 DEFAULT_TIER = "standard"
