@@ -33,7 +33,7 @@ def number_or_dash(value: float | None, digits: int = 2) -> str:
 
 def changed_share(row: Row) -> str:
     share = share_text(row["conditions_changed_share"])
-    around = row["interval"]
+    around = None if row.get("default") else row["interval"]
     return (
         share
         if around is None

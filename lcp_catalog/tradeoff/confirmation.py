@@ -273,7 +273,7 @@ class Confirmation:
         while self.fits(min(count, len(self.sample.build.jobs)), told["seconds_relative"]):
             row = self._of(best, count)
             around, share = row["interval"], row["conditions_changed_share"] or 0.0
-            close = around is None or around[1] - around[0] <= 2.0 * CLOSE * share
+            close = around is None or not share or around[1] - around[0] <= 2.0 * CLOSE * share
             if (close and is_clear(row)) or row["areas"] == len(self.sample.build.jobs):
                 break
             count *= 2

@@ -142,15 +142,32 @@ def worth_interval(by_area: Array, points: int) -> list[float] | None:
     return [min(around[0], max(0.0, ratio - unseen)), max(around[1], ratio + unseen)]
 
 
-def changed_interval(by_area: Array, wider: float = 1.0) -> list[float] | None:
-    """`ratio_interval` of all changed among all judged conditions, its upper end by the logarithm: few areas have many of the
-    changes, so that groups of areas without them state too little. As many other areas of a region were within that for
-    ``wider`` in 0.83 to 0.98 of draws of 4, 8, 10 areas (0.77 to 0.91 by the ratio's own; three alternatives on 80 km in four
-    regions, chosen by one of them in two; 5e3065d6, 2026-11-30).
+def unseen_elsewhere(count: int) -> float:
+    """The greatest share of ``count`` other areas that change, where none of ``count`` does, in 1 case of 20: of so many among
+    both together one in 20 choices of half of them has none (hypergeometric).
     """
-    around = ratio_interval(by_area, wider)
-    if around is None or around[1] == 0.0:
-        return around
+    changed, chance = 1, 0.5
+    while changed < count and (chance := chance * (count - changed) / (2 * count - changed)) > 0.05:
+        changed += 1
+    return changed / count
+
+
+def changed_interval(by_area: Array, others: bool = False) -> list[float] | None:
+    """The 90 % interval of the share of all judged conditions that change, of the changed and the judged ones of each area
+    (n, 2); ``others``: of that of as many other areas of such ground; None for one area.
+
+    Where some change it is `ratio_interval`, its upper end by the logarithm: few areas have many of the changes, so that groups of
+    areas without them state too little. As many other areas of a region were within in 0.83 to 0.98 of draws of 4, 8, 10 areas
+    (0.77 to 0.91 by the ratio's own; three alternatives on 80 km in four regions, chosen by one of them in two; 5e3065d6,
+    2026-11-30). Where none changes it ends at the share of the areas that may change unseen (`unseen_share`,
+    `unseen_elsewhere`), as if every condition of these changed, since by how much is not known either: a limit, no expectation.
+    """
+    count = len(by_area)
+    around = ratio_interval(by_area, math.sqrt(2.0) if others else 1.0)
+    if around is None:
+        return None
+    if around[1] == 0.0:
+        return [0.0, unseen_elsewhere(count) if others else unseen_share(count)]
     share = float(np.divide(*by_area.sum(axis=0)))
     return [around[0], min(1.0, share * math.exp(around[1] / share - 1.0))]
 
@@ -234,8 +251,8 @@ def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
         "usable_ratio": float(worth[:, 0].sum() / worth[:, 1].sum()) if told else None,
         "usable_interval": worth_interval(worth, len(usual.chosen)) if told else None,
         "conditions_changed_share": share,
-        "interval": changed_interval(by_area),
-        "elsewhere": changed_interval(by_area, math.sqrt(2.0)),
+        "interval": changed_interval(by_area) if setting.knob else [0.0, 0.0],
+        "elsewhere": changed_interval(by_area, others=True) if setting.knob else [0.0, 0.0],
         "detection_change_mean": float(shift.mean()) if len(shift) else None,
         "detection_change_max": float(shift.max()) if len(shift) else None,
         "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,

@@ -24,7 +24,7 @@ KNOBS_EXPLAINED = (
     "time: processor time of all areas of the build, estimated from those measured, over that of your configuration (median of its runs); in brackets with the range "
     f"of these runs in both times, or, where a budget may take the alternative, that of up to {PAIRS} more pairs of runs. Brackets that include 1: no difference.",
     "conditions changed: of the Suns and views of places in both (and of the image scales, where these change), the share that is usable in one only; in brackets the 90 % interval, from the scatter over "
-    "the areas. Between the Suns and views of a coarser grid claims are interpolated, without the margins of a query. A view or scale without a claim is not usable, and has no change of probability.",
+    "the areas; where none changes, up to the share of the areas that may change unseen, as if all their conditions did: a limit, no expectation. Between the Suns and views of a coarser grid claims are interpolated, without the margins of a query. A view or scale without a claim is not usable, and has no change of probability.",
     "points: chosen by spacing, in the measured areas alone; a change of the promise is known only where all areas are computed.",
     "worth of points: the sum of the usable shares of their conditions, over that of your configuration; in brackets the 90 % interval, from the scatter over the areas, "
     f"widened for changes that the measured areas happen not to show. Below {LEAST_USABLE:g} an alternative is not taken for a budget. A dash: not known; areas of another size have other borders, and "

@@ -1,4 +1,5 @@
-"""Every approximation on a user's build: rows that count what is different, and the configuration for a budget."""
+"""Every approximation on a user's build: rows that count what is different, and the configuration for a budget; their intervals:
+test_knob_intervals.py."""
 
 from __future__ import annotations
 
@@ -13,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.trades import CONFIG, cratered_dem
-from scipy import stats
 
 from lcp_catalog.approximations import APPROXIMATIONS
 from lcp_catalog.catalog.promise import kept_promise
@@ -136,82 +136,6 @@ def test_rows_are_the_contracts_and_count_what_changes(found: Trade, build: Buil
     untold = {name for name, row in rows.items() if row["usable_ratio"] is None}
     assert untold == {name for name, row in rows.items() if row["usable_interval"] is None}
     assert untold == {"direction"}
-
-
-def test_an_interval_is_that_of_the_share_of_all_areas() -> None:
-    even = np.array([[5.0, 100.0], [9.0, 100.0], [1.0, 100.0], [6.0, 100.0]])
-    shares = even[:, 0] / 100.0
-    expected = stats.t.interval(0.9, 3, shares.mean(), stats.sem(shares))
-    own, changed = knobs.ratio_interval(even), knob_rows.changed_interval(even)
-    assert own == pytest.approx(list(np.clip(expected, 0.0, 1.0)), rel=1e-3)
-    assert own is not None
-    assert changed is not None
-    assert changed[0] == own[0]
-    # as far above in the logarithm as the other end was in the share itself
-    mean = float(shares.mean())
-    assert math.log(changed[1] / mean) == pytest.approx((expected[1] - mean) / mean, rel=1e-3)
-    assert knob_rows.changed_interval(np.array([[0.0, 9.0], [0.0, 8.0]])) == [0.0, 0.0]
-    assert knob_rows.changed_interval(np.array([[9.0, 9.0], [0.0, 8.0]])) == [0.0, 1.0]
-    low, high = knobs.ratio_interval(np.array([[30.0, 3000.0], [0.0, 10.0], [0.0, 10.0]])) or (
-        1.0,
-        0.0,
-    )
-    assert low <= 30.0 / 3020.0 <= high < 0.02
-    assert knobs.ratio_interval(even[:1]) is knob_rows.changed_interval(even[:1]) is None
-
-
-def test_intervals_hold_for_as_many_other_areas() -> None:
-    """Of areas that are as different as those of three regions (1 sigma 0.75 of the mean), 9 in 10 groups are within."""
-    rng = np.random.default_rng(4)
-    inside, runs = 0, 600
-    for _ in range(runs):
-        judged = rng.integers(500, 1500, (2, 24)).astype(float)
-        changed = judged * rng.gamma(1.0 / 0.75**2, 0.02 * 0.75**2, (2, 24))
-        here = np.stack([changed[0], judged[0]], 1)
-        low, high = knob_rows.changed_interval(here, math.sqrt(2.0)) or (1.0, 0.0)
-        inside += low <= changed[1].sum() / judged[1].sum() <= high
-    assert 0.85 < inside / runs < 0.95
-
-
-def test_intervals_hold_where_few_areas_change() -> None:
-    """Of eight areas that differ by 1.3 times their mean, as at 78 N, 9 in 10 other groups are within, and 8 by the ratio."""
-    rng = np.random.default_rng(7)
-    inside, runs = np.zeros(2), 1500
-    for _ in range(runs):
-        judged = rng.integers(500, 1500, (2, 8)).astype(float)
-        changed = judged * rng.gamma(1.0 / 1.3**2, 0.02 * 1.3**2, (2, 8))
-        share = changed[1].sum() / judged[1].sum()
-        for k, interval in enumerate((knob_rows.changed_interval, knobs.ratio_interval)):
-            low, high = interval(np.stack([changed[0], judged[0]], 1), math.sqrt(2.0)) or (1.0, 0.0)
-            inside[k] += low <= share <= high
-    assert 0.87 < inside[0] / runs < 0.95
-    assert inside[1] / runs < 0.85
-
-
-def test_the_interval_of_worth_allows_for_changes_that_no_area_shows() -> None:
-    """Of 4 or 14 areas of two points each, of which one in ten loses or gains one, the mean is inside in at least 9 of 10 draws; by
-    the areas' scatter alone in fewer than 8, as most often none changes. Where none does it is the limit of no event."""
-    rng = np.random.default_rng(5)
-    for areas in (4, 14):
-        inside, alone, runs = 0, 0, 600
-        for _ in range(runs):
-            usual = np.full(areas, 2.0)
-            lost, gained = rng.random((2, areas)) < [[0.06], [0.04]]
-            both = np.stack([usual - lost + gained, usual], 1)
-            (low, high), (below, above) = (
-                knob_rows.worth_interval(both, 2 * areas) or (1.0, 0.0),
-                knobs.ratio_interval(both) or (1.0, 0.0),
-            )
-            assert low <= below
-            assert high >= above
-            inside += low <= 0.99 <= high
-            alone += below <= 0.99 <= above
-        assert alone < 0.8 * runs < 0.9 * runs <= inside
-        same = np.stack([usual, usual], 1)
-        limit = stats.binomtest(0, areas).proportion_ci(0.9, "exact").high
-        half = limit / 2.0  # a point of two
-        assert knob_rows.worth_interval(same, 2 * areas) == pytest.approx([1.0 - half, 1.0 + half])
-    assert knob_rows.worth_interval(same[:1], 2) is None
 
 
 def test_the_views_between_are_in_reach_of_those_of_the_build() -> None:
