@@ -106,7 +106,7 @@ def command(
     Markdown), and with --budget or --max-error DIR/best.toml.
     """
     from lcp_catalog.tradeoff.measurement import AREAS, ROUNDS
-    from lcp_catalog.tradeoff.report import markdown, trade
+    from lcp_catalog.tradeoff.report import areas_said, markdown, trade
 
     with progress("runs") as update:
         found = trade(
@@ -123,8 +123,8 @@ def command(
         )
     echo(markdown(found), nl=False)
     some, of = found.compared["areas"], found.compared["areas_of"]
-    many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternative{'s' * (len(found.rows) != 2)} on {some}"
+    many = f"{len(found.tiers)} tiers and {max(0, len(found.rows) - 1)} alternative{'s' * (len(found.rows) != 2)}"
     if areas not in (None, ALL) and int(areas) > some:
         few = f"; {some} computed: the border halves the others, or the time ended" * (some < of)
         say(f"{output}: --areas {areas}, of which the build has {of}{few}")
-    say(f"{output}: {many} of {of} area{'s' * (of != 1)}")
+    say(f"{output}: {many}; {areas_said(found.compared, found.rows)}")

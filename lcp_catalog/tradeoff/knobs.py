@@ -462,8 +462,9 @@ class Measurement:
     ) -> None:
         self.sample, self.until, self.in_turn = sample, until, in_turn
         self.workers, self.pool = workers
-        self.setting_s, self.steps = setting_s, steps or Steps()
+        self.setting_s = setting_s
         """Time of a setting as slow as the configuration."""
+        self.steps = steps or Steps()
 
     def _turn(self, area: int, areas: int) -> float:
         """Where an area of a setting comes among those of all; equal where they need not take turns."""

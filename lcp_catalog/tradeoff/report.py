@@ -232,7 +232,7 @@ def markdown(trade: Trade) -> str:
     """The report in Markdown: compared areas, table with one column per tier, recommendations."""
     names = [row["accuracy"] for row in trade.tiers]
     lines = [
-        compared_line(trade.compared),
+        compared_line(trade.compared, trade.rows),
         "",
         f"| | {' | '.join(names)} |",
         "| --- |" + " ---: |" * len(names),
@@ -246,7 +246,16 @@ def markdown(trade: Trade) -> str:
     return "\n".join(parts)
 
 
-def compared_line(compared: dict[str, Any]) -> str:
+def areas_said(compared: dict[str, Any], rows: list[Row]) -> str:
+    """How many of a build's areas were computed: for the tiers, and for the rows of alternatives where time left other ones."""
+    counts = {row["areas"] for row in rows} or {compared["areas"]}
+    many = " to ".join(map(str, sorted({min(counts), max(counts)})))
+    if counts != {compared["areas"]}:
+        many = f"tiers on {compared['areas']}, alternatives on {many}"
+    return f"{many} of {compared['areas_of']} area{'s' * (compared['areas_of'] != 1)}"
+
+
+def compared_line(compared: dict[str, Any], rows: list[Row]) -> str:
     """The compared areas and conditions in one paragraph."""
     region, suns = compared["region"], compared["suns"]
     low, high = min(compared["sun_elevations_deg"]), max(compared["sun_elevations_deg"])
@@ -260,8 +269,8 @@ def compared_line(compared: dict[str, Any]) -> str:
     )
     return (
         f"{', '.join(compared['dems'])}; region around {turned_deg(region['center_lon']):.4g}° E, {abs(lat_deg):.4g}° {'NS'[lat_deg < 0.0]}, "
-        f"cells of {number(compared['gsd_m'], 4)} m; {compared['areas']} of {compared['areas_of']} area{'s' * (compared['areas_of'] != 1)} "
-        f"({sum(compared['area_nodes']):,} nodes without their margins); {many} Sun direction{'s' * (suns != [1])}, elevations {low:g} to {high:g}°; "
+        f"cells of {number(compared['gsd_m'], 4)} m; {areas_said(compared, rows)} "
+        f"({sum(compared['area_nodes']):,} nodes for the tiers, without margins); {many} Sun direction{'s' * (suns != [1])}, elevations {low:g} to {high:g}°; "
         f"{compared['views']} view{'s' * (compared['views'] != 1)}; {compared['reflectance']}. {compared['threads']} thread, {processes}, tiers in turn, "
         f"median of {rounds} after an untimed one."
     )  # fmt: skip
@@ -330,7 +339,7 @@ def render_trade(trade: Trade) -> str:
         "trade.html.j2",
         title=f"Speed and accuracy: {', '.join(compared['dems'])}",
         heading="Speed and accuracy of the approximations",
-        below=compared_line(compared),
+        below=compared_line(compared, trade.rows),
         advice=advice(rows),
         rules=RULES,
         pareto=pareto(rows),

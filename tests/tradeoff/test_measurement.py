@@ -58,7 +58,7 @@ def test_suns_that_never_occur_are_not_said_to_be_compared() -> None:
     build = Build.plan([HADLEY], BuildConfig(area=area, sun=sun))
     compared = measurement._compared(build, list(build.jobs), 1, True)
     assert compared["sun_elevations_deg"] == [10.0, 30.0, 60.0]
-    assert "Sun directions, elevations 10 to 60°" in report.compared_line(compared)
+    assert "Sun directions, elevations 10 to 60°" in report.compared_line(compared, [])
 
 
 @pytest.mark.slow

@@ -92,6 +92,20 @@ def test_few_points_name_no_tier_but_reference_for_a_catalogue() -> None:
         assert (f"few points ({points})" in said[0]) == (tier == "reference")
 
 
+@pytest.mark.parametrize(
+    ("tiers", "rows", "said"),
+    [
+        (1, [], "1 of 67 areas"),
+        (4, [4, 4], "4 of 67 areas"),
+        (1, [2, 2], "tiers on 1, alternatives on 2 of 67 areas"),
+        (4, [4, 1], "tiers on 4, alternatives on 1 to 4 of 67 areas"),
+    ],
+)
+def test_areas_are_those_of_tiers_and_of_every_row(tiers: int, rows: list[int], said: str) -> None:
+    compared = {"areas": tiers, "areas_of": 67}
+    assert report.areas_said(compared, [{"areas": count} for count in rows]) == said
+
+
 def test_only_tiers_that_nobody_beats_are_on_the_front() -> None:
     rows = [row("draft", 3.0, 1e-3), row("standard", 12.0, 1e-4), row("high", 6.0), row("reference", 10.0)]  # fmt: skip
     assert [r["accuracy"] for r in front(rows)] == ["draft", "high"]
