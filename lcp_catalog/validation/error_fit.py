@@ -337,6 +337,9 @@ _SHIFT_SIGMA = 0.5
 """1 sigma, probits, of the shift of a kind of images before its trials are known; points of an image fail together, so that
 they say less than as many independent ones. It was 0.35 for the maps of Apollo 16 and 0 for simulated frames."""
 
+_SHIFT_MOST = 2.0
+"""Greatest change of the shift that is tried, probits."""
+
 
 def fitted_shift(claims: Claims, stated: float) -> float:
     """`ErrorModel.detection_shift` with which the probabilities of a catalogue are those of its trials in images of a kind:
@@ -357,7 +360,23 @@ def fitted_shift(claims: Claims, stated: float) -> float:
         trials = -np.log(np.where(found, chance, 1.0 - chance)).sum()
         return float(trials) + 0.5 * (change / _SHIFT_SIGMA) ** 2
 
-    return stated + float(minimize_scalar(misfit, bounds=(-2.0, 2.0), method="bounded").x)
+    return stated + float(
+        minimize_scalar(misfit, bounds=(-_SHIFT_MOST, _SHIFT_MOST), method="bounded").x
+    )
+
+
+def _at_ends(model: ErrorModel, stated: ErrorModel, samples: Sequence[Residuals]) -> list[str]:
+    """The values of a fit that are at an end of what is tried, with their names; a length matters only with its sigma."""
+    cell = float(np.median([sample.pixel_m for sample in samples if len(sample)]))
+    change = abs(model.detection_shift - stated.detection_shift)
+    ends = {
+        "detection_shift": change > 0.999 * _SHIFT_MOST,  # a search within bounds ends just inside
+        "height_length_m": model.height_sigma_m > 0.0
+        and model.height_length_m in HEIGHT_LENGTHS[[0, -1]] * cell,
+        "albedo_length_m": model.albedo_sigma > 0.0
+        and model.albedo_length_m in ALBEDO_LENGTHS[[0, -1]] * cell,
+    }
+    return [f"{name} {getattr(model, name):.{DIGITS}g}" for name, is_at in ends.items() if is_at]
 
 
 DIGITS = 4
@@ -400,6 +419,9 @@ def fitted_by_kind(
         model = fit_errors([sample for _, sample, _ in own], stated)
         shift = fitted_shift(Claims.pooled([claims for *_, claims in own]), stated.detection_shift)
         model = replace(model, detection_shift=shift)
+        if ends := _at_ends(model, stated, [sample for _, sample, _ in own]):
+            why = "these images do not tell it, or some do not belong to the catalogue"
+            log.warning("%s: %s at an end of what is tried: %s", kind, ", ".join(ends), why)
         found.append(FittedErrors(kind, model, points, tuple(name for name, *_ in own)))
     if not found:
         total = sum(len(sample) for _, _, sample, _ in samples)

@@ -16,9 +16,11 @@ from lcp_catalog.errors import ImageError
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
 from lcp_catalog.landmarks.localization import registration
 from lcp_catalog.landmarks.patches import through_optics
+from lcp_catalog.validation import error_fit, run
 from lcp_catalog.validation.claims import Claims
 from lcp_catalog.validation.error_fit import (
     FEWEST,
+    HEIGHT_LENGTHS,
     FittedErrors,
     Residuals,
     _with_places,
@@ -248,3 +250,54 @@ def test_each_kind_of_images_has_its_own_model(tmp_path: Path) -> None:
             [(kind, kind, few, Claims.none()) for kind in ("line scanner", "framing camera")],
             STATED,
         )
+
+
+@pytest.mark.parametrize("found", [True, False, None])
+def test_a_value_at_an_end_of_what_is_tried_is_named(
+    found: bool | None, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of 2000 likely points none is found, or of as many unlikely ones all; of as many as are stated nothing is said."""
+    chances = np.full(2000, 0.5 if found is None else 0.01 if found else 0.99)
+    happened = np.arange(2000) % 2 == 0 if found is None else np.full(2000, found)
+    tried = np.ones(2000, np.bool_)
+    claims = SimpleNamespace(tried=tried, claimed=tried, probability=chances, found=happened)
+    monkeypatch.setattr(error_fit.Claims, "pooled", lambda _: claims)
+    middle = replace(STATED, height_length_m=HEIGHT_LENGTHS[3] * PIXEL_M, albedo_length_m=300.0)
+    monkeypatch.setattr(error_fit, "fit_errors", lambda *_: middle)
+    samples = [("framing camera", "f", residuals(1, EAST), claims)]
+    (fitted,) = fitted_by_kind(samples, STATED)
+    end = {True: "2", False: "-2", None: "none"}[found]
+    assert (f"framing camera: detection_shift {end} at an end" in caplog.text) == (
+        found is not None
+    )
+    assert abs(fitted.model.detection_shift) == pytest.approx(2.0 * (found is not None), abs=0.01)
+    assert "length" not in caplog.text
+    for length, told in ((HEIGHT_LENGTHS[0], True), (HEIGHT_LENGTHS[-1], True), (0.0, False)):
+        caplog.clear()
+        sigma = 8.0 if length else 0.0
+        ended = replace(
+            middle, height_sigma_m=sigma, height_length_m=(length or HEIGHT_LENGTHS[0]) * PIXEL_M
+        )
+        monkeypatch.setattr(error_fit, "fit_errors", lambda *_, model=ended: model)
+        fitted_by_kind(samples, STATED)
+        assert ("height_length_m" in caplog.text) == told
+
+
+def test_what_is_found_in_an_image_that_is_not_located_is_no_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a known pose: its matches count as searched for and as found at no place."""
+    pixels: list[np.ndarray] = []
+    monkeypatch.setattr(run, "residuals_of", lambda *given: pixels.append(given[3]))
+    matches = SimpleNamespace(
+        code=np.array([run.SEARCHED[0], 255, run.SEARCHED[-1]]),
+        found=np.array([True, True, False]),
+        found_px=np.arange(6.0).reshape(3, 2),
+        point=np.arange(3),
+    )
+    request = SimpleNamespace(pose_is_known=True, law=None)
+    for pose in (None, object()):
+        located = SimpleNamespace(pose=pose, matches=matches)
+        run._residuals(request, None, located, SimpleNamespace(name="frame"))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(pixels[0], np.full((2, 2), np.nan))
+    np.testing.assert_array_equal(pixels[1], [[0.0, 1.0], [np.nan, np.nan]])
