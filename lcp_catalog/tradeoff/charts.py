@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ..plots.axes import Axes, Axis
-from ..plots.numbers import drawing, number
+from ..plots.numbers import drawing, number, typeset
 
 Row = dict[str, Any]
 
@@ -28,7 +28,7 @@ def share_text(share: float | None) -> str:
 
 
 def number_or_dash(value: float | None, digits: int = 2) -> str:
-    return "–" if value is None else number(value, digits)
+    return "–" if value is None else typeset(number(value, digits))
 
 
 def changed_share(row: Row) -> str:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 
 from ..approximations import APPROXIMATIONS
-from ..plots.numbers import number, typeset
+from ..plots.numbers import number
 from .charts import Row, changed_share, number_or_dash, share_text, times
 from .confirmation import PAIRS
 from .knob_rows import NEAR_CELLS
@@ -58,7 +58,7 @@ def _value(row: Row) -> str:
 
 def _probabilities(row: Row) -> str:
     mean, greatest = row["detection_change_mean"], row["detection_change_max"]
-    return typeset(f"{number_or_dash(mean)} ({number_or_dash(greatest)})")
+    return f"{number_or_dash(mean)} ({number_or_dash(greatest)})"
 
 
 KNOB_COLUMNS: tuple[tuple[str, Callable[[Row], str]], ...] = (

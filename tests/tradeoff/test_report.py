@@ -11,7 +11,7 @@ from scipy import stats
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.tradeoff import report
-from lcp_catalog.tradeoff.charts import front, knobs_chart, pareto, share_text
+from lcp_catalog.tradeoff.charts import front, knobs_chart, number_or_dash, pareto, share_text
 
 
 def row(accuracy: str, seconds: float, error: float = 0.0, **more: Any) -> dict[str, Any]:
@@ -90,6 +90,12 @@ def test_few_points_name_no_tier_but_reference_for_a_catalogue() -> None:
         said = report.advice(rows)
         assert named(said)[:3] == [tier, tier, "draft"]
         assert (f"few points ({points})" in said[0]) == (tier == "reference")
+
+
+def test_small_figures_have_raised_powers() -> None:
+    """Of every column of the table of approximations, as a shift of 3.4e-05 cells."""
+    assert number_or_dash(3.4e-5) == "3.4 × 10⁻⁵"
+    assert number_or_dash(0.25) == "0.25"
 
 
 @pytest.mark.parametrize(
