@@ -50,6 +50,7 @@ from .summary import (
     summary,
     summary_rows,
     view_name,
+    views,
 )
 from .verification import open_catalog
 
@@ -125,7 +126,7 @@ def claim_map(catalog: Catalog, chart: ReliefMap, evaluated: AnyArray) -> dict[s
         "suns": suns.tolist(),
         "elevations": catalog.sun_elevation.tolist(),
         "azimuths": catalog.sun_azimuth.tolist(),
-        "views": _view_names(catalog),
+        "views": [view_name(one) for one in views(catalog)],
         "scales": scales.tolist(),
         "points": [
             [str(catalog.point_id[i]), round(float(catalog.longitude[i]), 4), round(float(catalog.latitude[i]), 4),
@@ -206,16 +207,6 @@ def _patches(catalog: Catalog, rows: Index) -> dict[str, Any]:
 
 def _scales(catalog: Catalog) -> AnyArray:
     return np.asarray(catalog.image_scale)
-
-
-def _view_names(catalog: Catalog) -> list[str]:
-    altitudes = [float(h) if np.isfinite(h) else None for h in catalog.view_altitude]
-    return [
-        view_name({"off_nadir_deg": float(off), "azimuth_deg": float(az), "altitude_km": high})
-        for off, az, high in zip(
-            catalog.view_off_nadir, catalog.view_azimuth, altitudes, strict=True
-        )
-    ]
 
 
 def _places(catalog: Catalog, chart: ReliefMap, rows: Index) -> tuple[AnyArray, AnyArray, AnyArray]:
@@ -457,7 +448,7 @@ def _map(catalog: Catalog, statistics: Statistics) -> Markup:
 
 
 def _point_marks(catalog: Catalog, statistics: Statistics, chart: ReliefMap) -> list[Mark]:
-    rows = np.linspace(0, len(catalog) - 1, min(len(catalog), POINTS_MAX)).astype(np.int64)
+    rows = _sample(len(catalog), POINTS_MAX)
     places = np.stack(chart.plane.places(catalog.part("position_mcmf", rows)), axis=-1)
     shares = statistics.by_point[rows]
     return [

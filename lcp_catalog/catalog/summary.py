@@ -161,7 +161,10 @@ def summary(catalog: Catalog, statistics: Statistics | None = None) -> dict[str,
         "usable_by_sun_elevation": _by_elevation(catalog, statistics),
         "suns_evaluated": int(statistics.suns.sum()),
         "sun_elevation_deg": _range(catalog.sun_elevation),
-        "views": _views(catalog, statistics),
+        "views": [
+            one | {"usable_share": _plain(share)}
+            for one, share in zip(views(catalog), statistics.by_view, strict=True)
+        ],
         "localization_sigma_m": _percentiles(catalog.localization_sigma[:, 0]),
         "second_peak": _percentiles(catalog.second_peak),
         "coverage": coverage_counts(catalog),
@@ -284,16 +287,12 @@ def _region(catalog: Catalog) -> dict[str, float]:
     }
 
 
-def _views(catalog: Catalog, statistics: Statistics) -> list[dict[str, Any]]:
-    altitudes = catalog.view_altitude
+def views(catalog: Catalog) -> list[dict[str, Any]]:
+    """Angles and altitude of each view; no altitude for parallel rays."""
+    columns = (catalog.view_off_nadir, catalog.view_azimuth, catalog.view_altitude)
     return [
-        {
-            "off_nadir_deg": float(catalog.view_off_nadir[k]),
-            "azimuth_deg": float(catalog.view_azimuth[k]),
-            "altitude_km": _plain(altitudes[k]),
-            "usable_share": _plain(statistics.by_view[k]),
-        }
-        for k in range(len(altitudes))
+        {"off_nadir_deg": off, "azimuth_deg": azimuth, "altitude_km": _plain(high)}
+        for off, azimuth, high in zip(*(one.tolist() for one in columns), strict=True)
     ]
 
 

@@ -46,6 +46,7 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..errors import ConfigError
+from ..fields import require
 from ..kernels.photometry import facet as kernel
 from ..toml_files import is_number, parse_toml, read_toml
 
@@ -61,14 +62,9 @@ and the number for a lobe of scale 1. The reflectance is within 0.5 % of the alb
 test)."""
 
 
-def _require(condition: bool, text: str) -> None:
-    if not condition:
-        raise ConfigError(text)
-
-
 def _check_finite(group: Any) -> None:
     for f in fields(group):
-        _require(math.isfinite(getattr(group, f.name)), f"{f.name} must be a finite number")
+        require(math.isfinite(getattr(group, f.name)), f"{f.name} must be a finite number")
 
 
 class Node(NamedTuple):
@@ -114,16 +110,16 @@ class Optics:
 
     def __post_init__(self) -> None:
         _check_finite(self)
-        _require(0.1 <= self.n <= 100.0, f"`refractive_index` must lie in 0.1..100, not {self.n}")
-        _require(
+        require(0.1 <= self.n <= 100.0, f"`refractive_index` must lie in 0.1..100, not {self.n}")
+        require(
             0.0 <= self.kappa <= 100.0,
             f"`refractive_index`: kappa must lie in 0..100, not {self.kappa}",
         )
-        _require(
+        require(
             self.at_normal > 1e-9,
             "`refractive_index`: a surface of refractive index 1 reflects no light",
         )
-        _require(0.0 <= self.polarisation <= 1.0, "`polarisation` must lie in 0..1")
+        require(0.0 <= self.polarisation <= 1.0, "`polarisation` must lie in 0..1")
 
     @property
     def at_normal(self) -> float:
@@ -148,20 +144,18 @@ class Shadowing:
 
     def __post_init__(self) -> None:
         _check_finite(self)
-        _require(
+        require(
             self.sigma_c >= 0.0 and self.sigma_p >= 0.0, "sigma_c and sigma_p must not be negative"
         )
-        _require(self.u_p >= -1.0 and self.v_p > 0.0, "u_p must be at least -1 and v_p positive")
+        require(self.u_p >= -1.0 and self.v_p > 0.0, "u_p must be at least -1 and v_p positive")
 
 
 def _check_node(node: Node) -> None:
     for name, value in node._asdict().items():
         low, high = LIMITS[name]
         where = "" if name == "incidence_deg" else f" at incidence {node.incidence_deg:g} deg"
-        _require(
-            low <= value <= high, f"{name} must lie in {low:g}..{high:g}, not {value:g}{where}"
-        )
-    _require(
+        require(low <= value <= high, f"{name} must lie in {low:g}..{high:g}, not {value:g}{where}")
+    require(
         node.w_b + node.w_d > 0.0, f"both weights are 0 at incidence {node.incidence_deg:g} deg"
     )
 
@@ -186,19 +180,19 @@ class FacetModel:
     levels: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
-        _require(len(self.nodes) > 0, "a facet model needs at least one angle of incidence")
+        require(len(self.nodes) > 0, "a facet model needs at least one angle of incidence")
         for node in self.nodes:
             _check_node(node)
         angles = [node.incidence_deg for node in self.nodes]
-        _require(
+        require(
             all(b - a >= 0.01 for a, b in itertools.pairwise(angles)),
             "angles of incidence must increase",
         )
-        _require(5.0 <= self.largest_emission_deg <= 89.0, "largest_emission_deg must lie in 5..89")
-        _require(0.0 < self.albedo <= 1.0, f"albedo must lie in 0..1, not {self.albedo}")
+        require(5.0 <= self.largest_emission_deg <= 89.0, "largest_emission_deg must lie in 5..89")
+        require(0.0 < self.albedo <= 1.0, f"albedo must lie in 0..1, not {self.albedo}")
         if self.levels is not None:
-            _require(len(self.levels) == len(self.nodes), "levels needs one value for each node")
-            _require(all(0.0 < v < 1e3 for v in self.levels), "levels must be positive")
+            require(len(self.levels) == len(self.nodes), "levels needs one value for each node")
+            require(all(0.0 < v < 1e3 for v in self.levels), "levels must be positive")
 
     @cached_property
     def law(self) -> Array:
