@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).resolve().parent
 
+gc.set_threshold(100_000, 20, 20)
+"""As `lcp` does: imports, syntax trees and thousands of tests are objects that stay, and looking through them for garbage took a
+sixth of the collection's time.
+"""
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a background job of a shell
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -176,7 +181,7 @@ def rasters_opened_here() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def start_measured_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """What a build takes beside its areas, for which a small one is made in a process of its own (2 s of processor time), is
-    measured once for a number of jobs, by all workers of a parallel run together.
+    measured once, with the first number of jobs that is asked for, by all workers of a parallel run together.
     """
     from lcp_catalog.production import estimate
     from lcp_catalog.tradeoff import knobs
@@ -185,7 +190,7 @@ def start_measured_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
     folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
     def remembered(level: Level, jobs: int) -> estimate.Start:
-        known = folder / f"start_with_{jobs}_jobs.json"
+        known = folder / "start.json"
         if not known.is_file():
             aside = known.with_suffix(f".{os.getpid()}")
             aside.write_text(json.dumps(dataclasses.asdict(start_of(level, jobs))))

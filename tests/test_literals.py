@@ -235,6 +235,19 @@ def _numbers(node: ast.AST, limit: bool) -> Iterator[float]:
         yield from _numbers(part, own)
 
 
+def walk(tree: ast.AST) -> Iterator[ast.AST]:
+    """The nodes of a syntax tree, in any order; in less than half the time of `ast.walk`."""
+    left = [tree]
+    while left:
+        node = left.pop()
+        yield node
+        for value in vars(node).values():
+            if isinstance(value, ast.AST):
+                left.append(value)
+            elif isinstance(value, list):
+                left += [one for one in value if isinstance(one, ast.AST)]
+
+
 @cache
 def literals(source: str) -> Counter[float]:
     """The numbers in functions and in classes of a module that need a reason."""
@@ -248,15 +261,15 @@ def literals(source: str) -> Counter[float]:
 def counts(source: str) -> Counter[float]:
     """Numbers from 2 on of passes of a loop that does not use which pass it is, of nodes of a quadrature, and orders."""
     found: list[ast.expr] = []
-    for node in ast.walk(ast.parse(source)):
+    for node in walk(ast.parse(source)):
         if isinstance(node, ast.For) and isinstance(node.iter, ast.Call):
             used = {
                 n.id
                 for part in node.body
-                for n in ast.walk(part)
+                for n in walk(part)
                 if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
             }
-            if not used & {n.id for n in ast.walk(node.target) if isinstance(n, ast.Name)}:
+            if not used & {n.id for n in walk(node.target) if isinstance(n, ast.Name)}:
                 found += node.iter.args
         elif isinstance(node, ast.Call):
             called = getattr(node.func, "attr", getattr(node.func, "id", ""))

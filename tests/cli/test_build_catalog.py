@@ -112,6 +112,7 @@ def test_plan_writes_nothing_and_speaks_json(
     }
     assert document["one_direction"].keys() == {"sun_elevation", "flags_changed"}
     own = ["--accuracy", "high", "--sun-elevations", "5,10"]  # each Sun is a point's own
+    own += ["--center", "3.5", "26", "--size", "12"]
     assert run(["build-catalog", DEM, "--config", config, "--plan", "--json", *own]) == 0
     turned = json.loads(capsys.readouterr().out)["one_direction"]
     assert turned == {"sun_elevation": None, "flags_changed": 0.0}

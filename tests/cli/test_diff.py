@@ -15,15 +15,16 @@ from lcp_cli.main import run
 from lcp_catalog.catalog.writing import write_catalog
 
 
-@pytest.fixture
-def paths(tmp_path: Path) -> list[str]:
-    """A catalogue of 14 points, and one of 12 of them with higher patches."""
+@pytest.fixture(scope="module")
+def paths(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """A catalogue of 14 points, and one of 12 of them with higher patches; no test changes them."""
+    folder = tmp_path_factory.mktemp("diff")
     one = catalogs.catalog(14)
     middle = one.patch_nodes // 2
     other = one.take(np.arange(12))
     dem = other.dem + np.float32(2.5)
     dem[:, middle, middle] = 0.0
-    names = [str(tmp_path / "a.h5"), str(tmp_path / "b.h5")]
+    names = [str(folder / "a.h5"), str(folder / "b.h5")]
     for name, catalog in zip(names, (one, replace(other, dem=dem)), strict=True):
         write_catalog(catalog, name)
     return names

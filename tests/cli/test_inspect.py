@@ -17,7 +17,7 @@ from lcp_catalog.catalog.writing import write_catalog
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
-    write_catalog(catalogs.catalog(5), tmp_path / "c.h5")
+    (tmp_path / "c.h5").write_bytes(catalogs.content(5))
     return tmp_path / "c.h5"
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import h5py
@@ -19,6 +20,7 @@ from lcp_catalog.catalog.maps import overview_levels, usable_nearby
 from lcp_catalog.catalog.model import Coverage, Overview, Promise
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, NO_CELL, Cause, summarise_usable
 from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (
     EnuFrame,
@@ -179,6 +181,14 @@ def arrays(count: int = 12, patch: int = 9, seed: int = 1, step_km: float = 9.0)
 def catalog(count: int = 12, patch: int = 9, **spoilt: Any) -> Catalog:
     """A sound catalogue of ``count`` points, but for what is given by name."""
     return Catalog(**{**arrays(count, patch), **spoilt})
+
+
+@cache
+def content(count: int = 12) -> bytes:
+    """The bytes of a catalogue's file, which is written once in a process."""
+    with TemporaryDirectory() as folder:
+        write_catalog(catalog(count), path := Path(folder, "c.h5"))
+        return path.read_bytes()
 
 
 def cells(count: int = 12) -> Coverage:

@@ -6,11 +6,13 @@ import dataclasses
 import json
 import logging
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.areas_once import AreasOnce
 from helpers.two_dems import COARSE_M, CONFIG, FINE_M, SITE_KM, two_dems
 from lcp_cli.main import run as command
 
@@ -26,6 +28,14 @@ from lcp_catalog.production.estimate import estimate
 from lcp_catalog.production.merging import merge_catalogs
 from lcp_catalog.production.run import Build, BuildPart, BuildRun
 from lcp_catalog.production.worker_memory import CACHES_MIN_MB, MARGIN_MB, START_MB
+
+
+@pytest.fixture(scope="module", autouse=True)
+def areas_once() -> Iterator[None]:
+    """An area of a configuration is computed once for all builds of this module."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run, "run_area", AreasOnce())
+        yield
 
 
 @pytest.fixture(scope="module")
