@@ -174,6 +174,7 @@ def field_option(name: str, default_words: str | None = None, **settings: Any) -
         "type": spelling.kind or _type(get_type_hints(kind)[key], meaning, factor),
         "metavar": spelling.metavar,
         "help": NAMED.sub(_option_or_name, text),
+        "show_default": False,
     }
     return click.option(spelling.flag, key, cls=FieldOption, **(facts | settings))
 

@@ -126,7 +126,6 @@ def spice_options(required: bool) -> Decorator:
     "--summing",
     type=click.IntRange(1, 64),
     default=1,
-    show_default=True,
     metavar="N",
     help="Pixels of the detector along a side of the image's pixel.",
 )
@@ -210,7 +209,6 @@ def from_spice(
     "--mounting",
     type=click.Tuple([Number(-1, 1)] * 4),
     default=(1.0, 0.0, 0.0, 0.0),
-    show_default=True,
     metavar="W X Y Z",
     help="Quaternion from the axes of the AEM's body to those of the camera (right, down, ahead).",
 )

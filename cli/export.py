@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     "--frame",
     type=click.Choice(FRAMES),
     default=FRAMES[0],
-    show_default=True,
     help="Moon-fixed frame of the output: mean Earth (DE421), or principal axes (DE440).",
 )
 @field_option(

@@ -125,7 +125,8 @@ class FileCommand(click.Command):
     """Command that checks its files before it starts, and shows its options in groups, with an ``example``.
 
     A value of an option with a metavar like ``DEM...`` can be followed by further values, once the command's
-    arguments are complete. ``rule``: the command has ``--depfile``, whose file is written after the others.
+    arguments are complete. ``rule``: the command has ``--depfile``, whose file is written after the others. The help shows
+    the defaults of options that do not say ``show_default=False``, because their text states them.
     """
 
     def __init__(self, *args: Any, example: str = "", rule: bool = False, **settings: Any) -> None:
@@ -134,6 +135,9 @@ class FileCommand(click.Command):
         self.rule = rule
         if rule:
             depfile_option(self)
+        for option in self.params:
+            if isinstance(option, click.Option) and option.show_default is None:
+                option.show_default = not option.is_flag
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         return super().parse_args(ctx, _values_apart(self, ctx, args))

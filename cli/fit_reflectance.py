@@ -33,7 +33,6 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     "weight",
     type=Number(0.0, 1e6),
     default=2.0,
-    show_default=True,
     metavar="C",
     help="Weight of smooth curves over the incidence, relative to small errors; 0 fits every "
     "incidence alone.",
@@ -51,7 +50,6 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     nargs=2,
     type=Number(0.0),
     default=(1.5, 0.0),
-    show_default=True,
     metavar="N K",
     help="Complex refractive index N + iK of a facet.",
 )
@@ -60,7 +58,6 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     nargs=2,
     type=Finite(),
     default=(0.0, 0.0),
-    show_default=True,
     metavar="D XI",
     help="Polarisation of the light: degree 0..1, and angle between the electric vector and the plane "
     "of incidence, degrees.",
@@ -69,7 +66,6 @@ HEADING = "incidence   w_B  shift_B  sigma_B   w_D  shift_D  sigma_D  points  er
     "--normalize",
     type=click.Choice(["specular", "none"]),
     default="specular",
-    show_default=True,
     help="Divide the intensities of each incidence by that of the specular direction, or use them "
     "unchanged.",
 )

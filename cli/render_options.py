@@ -31,7 +31,6 @@ def bounce_option(default: str) -> Decorator:
         "--bounce",
         type=click.Choice(BOUNCES),
         default=default,
-        show_default=True,
         help="Add light that other ground reflects (one bounce), where the first light source does not reach; auto: only if "
         "it exceeds 1/255 of the brightest ground.",
     )
@@ -254,7 +253,6 @@ render_options = collected(
         "--surface",
         type=click.Choice(SURFACES),
         default=SURFACES[0],
-        show_default=True,
         help="Surface: heights of the DEM, or a sphere of 1737.4 km (needs no DEM). auto: the heights, or "
         "the sphere if relief changes the image by less than the accuracy permits.",
     ),

@@ -46,6 +46,7 @@ COLUMNS = {
     "height_m",
     type=Number(-20e3, 1e6),
     default=0.0,
+    show_default=False,
     metavar="M",
     help="Height above the 1737.4 km sphere; with --dem: above the terrain; default: 0.",
 )

@@ -81,6 +81,7 @@ def _written(folder: str) -> Iterator[Path]:
     "--time-limit",
     type=Number(0.0, None),
     default=180.0,
+    show_default=False,
     metavar="SECONDS",
     help="Time after which nothing more is begun, half of it for the tiers; 0: tiers alone, without a limit. Default 180.",
 )

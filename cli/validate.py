@@ -63,7 +63,6 @@ def _written(folder: str) -> Iterator[Path]:
     "position_sigma_km",
     type=Distance(),
     default=1.0,
-    show_default=True,
     metavar="KM",
     help="Uncertainty of the camera's position, or of a map's georeference: 1 sigma per axis; 0: exact. In km, or "
     "with a unit: 300m, 2km.",
@@ -73,7 +72,6 @@ def _written(folder: str) -> Iterator[Path]:
     "attitude_sigma_deg",
     type=Number(0.0, 90.0),
     default=0.1,
-    show_default=True,
     metavar="DEG",
     help="Uncertainty of the camera's attitude: 1 sigma about each axis; 0: exact.",
 )
@@ -81,7 +79,6 @@ def _written(folder: str) -> Iterator[Path]:
     "--window",
     type=click.IntRange(3),
     default=16,
-    show_default=True,
     metavar="N",
     help="Side length of the compared windows, cells.",
 )
@@ -100,7 +97,6 @@ def _written(folder: str) -> Iterator[Path]:
     "--encoding",
     type=click.Choice([*ENCODINGS, "auto"]),
     default=ENCODINGS[0],
-    show_default=True,
     help="Encoding of the image: linear (values proportional to radiance) or srgb (codes of a display image), or auto: srgb "
     "for samples of 8 bits if the points found correlate significantly better so.",
 )

@@ -74,7 +74,6 @@ site_options = collected(
     "--min-points",
     type=click.IntRange(1),
     default=4,
-    show_default=True,
     metavar="N",
     help="Least number of usable points of an interval.",
 )
