@@ -205,6 +205,7 @@ def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
         np.float64,
     )
     share = float(changed.sum() / judged.sum()) if judged.any() else None
+    itself = [0.0, 0.0] if len(by_area) > 1 else None
     shift = np.abs(old.detection - new.detection)
     shift = shift[np.isfinite(shift)]
     sigma = [
@@ -251,8 +252,8 @@ def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
         "usable_ratio": float(worth[:, 0].sum() / worth[:, 1].sum()) if told else None,
         "usable_interval": worth_interval(worth, len(usual.chosen)) if told else None,
         "conditions_changed_share": share,
-        "interval": changed_interval(by_area) if setting.knob else [0.0, 0.0],
-        "elsewhere": changed_interval(by_area, others=True) if setting.knob else [0.0, 0.0],
+        "interval": changed_interval(by_area) if setting.knob else itself,
+        "elsewhere": changed_interval(by_area, others=True) if setting.knob else itself,
         "detection_change_mean": float(shift.mean()) if len(shift) else None,
         "detection_change_max": float(shift.max()) if len(shift) else None,
         "sigma_ratio": float(np.median(sigma[1][both] / sigma[0][both])) if both.any() else None,

@@ -12,7 +12,7 @@ from .charts import Row, changed_share, number_or_dash, share_text, times
 from .confirmation import PAIRS
 from .knob_rows import NEAR_CELLS
 from .measurement import Trade
-from .proposal import LEAST_USABLE, OTHER_GROUND, other_ground
+from .proposal import LEAST_USABLE, OTHER_GROUND, is_clear, other_ground
 
 BEST = "best.toml"
 """File of the configuration to take for a budget."""
@@ -132,7 +132,7 @@ def best_said(trade: Trade) -> list[str]:
     measured, places = f"measured together on {best['areas']} area{'s' * (best['areas'] != 1)}", ""
     if best["areas"]:
         places = (
-            f" of places in both; of {best['points'] - gained + lost} points {lost} {'is' if lost == 1 else 'are'} lost, {gained} gained, "
+            f" (of places in both); of {best['points'] - gained + lost} points {lost} {'is' if lost == 1 else 'are'} lost, {gained} gained, "
             f"in all worth {_worth(best)} of them (by the usable share of their conditions)"
         )
     elif "; " not in best["value"]:
@@ -143,7 +143,8 @@ def best_said(trade: Trade) -> list[str]:
         f"On this scene, {measured}: {_build_time(best)} "
         f"({times(best['seconds_relative'])} of the time of your configuration's areas), {changed_share(best)} of the conditions changed{places}."
     ]
-    return said + _elsewhere(best)
+    few = f"Whether its points are worth {LEAST_USABLE:g} so few do not tell: measure more areas."
+    return said + [few] * (best["areas"] > 0 and not is_clear(best)) + _elsewhere(best)
 
 
 def _build_time(row: Row) -> str:

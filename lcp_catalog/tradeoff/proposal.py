@@ -26,14 +26,12 @@ changed 0.02 % of them at one place near a pole and 2.2 % at another."""
 
 def other_ground(row: Row) -> list[float] | None:
     """Shares of the conditions between which a configuration for a budget changes on other ground (`OTHER_GROUND`). None, as
-    that is not known, where it changes few here (`LEAST_SHARE`), or leaves less out than the user's.
+    that is not known, where it changes few here (`LEAST_SHARE`), leaves less out than the user's, or may change more on other
+    areas of this ground.
     """
-    share = row["conditions_changed_share"]
-    return (
-        None
-        if (share or 0.0) < LEAST_SHARE or row["finer"]
-        else [0.0, min(1.0, OTHER_GROUND * share)]
-    )
+    share, near = row["conditions_changed_share"] or 0.0, row["elsewhere"] or [0.0, 0.0]
+    most = min(1.0, OTHER_GROUND * share)
+    return None if share < LEAST_SHARE or row["finer"] or near[1] > most else [0.0, most]
 
 
 def keeps_enough(row: Row) -> bool:

@@ -438,6 +438,7 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     row = found.best_row | {
         "value": "a: 1", "areas": 14, "interval": [0.01, 0.03], "elsewhere": [0.005, 0.035],
         "conditions_changed_share": 0.02, "finer": False, "unconfirmed": [],
+        "usable_interval": [0.96, 1.0],
     }  # fmt: skip
     some = dataclasses.replace(found, best_row=row, budget=Budget(error=0.05), untried=2)
     said = knob_table.best_said(some)
@@ -454,9 +455,13 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     )
     told = json.loads(json.dumps(some.document()))["best"]
     assert (told["elsewhere"], told["other_ground"]) == ([0.005, 0.035], [0.0, pytest.approx(0.06)])
+    unclear = dataclasses.replace(some, best_row=row | {"usable_interval": [0.9, 1.0]})
+    assert knob_table.best_said(unclear)[3].startswith(
+        "Whether its points are worth 0.95 so few do"
+    )
     alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})
     assert knob_table.best_said(alone)[-1] == said[4]
-    for other in ({"finer": True}, {"conditions_changed_share": 0.004}):
+    for other in ({"finer": True}, {"conditions_changed_share": 0.004}, {"elsewhere": [0.0, 0.07]}):
         unknown = dataclasses.replace(some, best_row=row | other)
         assert unknown.document()["best"]["other_ground"] is None
         assert "other ground this does not say: measure there" in knob_table.best_said(unknown)[-1]
