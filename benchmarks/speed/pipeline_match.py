@@ -27,7 +27,7 @@ STEPS = np.linspace(-5.0, 5.0, 61)
 QUADRATURE, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
 TURNS = np.arange(16) * np.pi / 8.0
-RING = np.unique(np.rint(3.0 * np.stack([np.cos(TURNS), np.sin(TURNS)], 1)).astype(int), axis=0)
+RING = np.unique(np.rint(5.0 * np.stack([np.cos(TURNS), np.sin(TURNS)], 1)).astype(int), axis=0)
 
 
 def windows(image: np.ndarray, rows: np.ndarray, cols: np.ndarray, half: int) -> np.ndarray:

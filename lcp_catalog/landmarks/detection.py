@@ -21,7 +21,7 @@ with A = `AMBIGUOUS` and the search's prior pi. A claim states a search without 
 above 0.8 as its prior refuses nothing that P does not, so it finds such a point at least as often.
 
 P is multiplied by the probability that noise does not move the top of the true peak itself off by
-more than 2 nodes (`top_probability`), and by that of the fit (`settling_probability`).
+more than 2.5 nodes (`top_probability`), and by that of the fit (`settling_probability`).
 
 If the noise differs from place to place (`ErrorModel.spread`), P is the mean over its distribution.
 
@@ -174,8 +174,8 @@ def top_probability(
     noise-free correlation and contrast there, NaN outside the image. The two windows share most of
     their noise. The variance of the difference of their correlations is, to first order, that of
     the noise's product with the slope of the patch along the distance, and at most that of two
-    independent ones. Places in other directions are left out: the result is up to 0.2 too high where
-    it is about 1/2, and wrong by up to 0.06 where it is above 0.9, mostly too low.
+    independent ones. Places in other directions are left out: the result is up to 0.1 too high where
+    it is about 0.7, and up to 0.03 too low where it is above 0.9.
     """
     rho = np.broadcast_to(np.asarray(self_correlation, np.float64), match.contrast.shape)
     out = np.empty(len(match.contrast))

@@ -35,13 +35,16 @@ _COARSE_REACH_MIN = 12
 """Smaller search areas are searched at full resolution, which then costs about the same."""
 
 
+_RING_PX = 5.0
 RING = np.unique(
     np.round(
-        3.0 * np.stack([f(np.arange(16) * np.pi / 8.0) for f in (np.cos, np.sin)], axis=-1)
+        _RING_PX * np.stack([f(np.arange(16) * np.pi / 8.0) for f in (np.cos, np.sin)], axis=-1)
     ).astype(np.int64),
     axis=0,
 )
-"""Distances (column, row) of the places just outside a patch's own peak (`EXCLUSION_PX`)."""
+"""Distances (column, row) of the places around a patch's own peak that tell whether noise moves its top: a parabola that is as
+high 5 nodes from the true place as there has its top in between, at 2.5 nodes, farther than the peak reaches (`EXCLUSION_PX`).
+"""
 
 
 class OtherPlaces(NamedTuple):
