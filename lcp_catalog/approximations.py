@@ -326,7 +326,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         Figure(0.1, "", "a probability near 0.7, too high; 0.03 above 0.9, too low", MEASURED),
         "compared with the strongest of 16 places 5 cells away, others left out: up to 0.1 too high near 0.7, 0.03 too low above 0.9 (200 draws of noise over each of ten peaks, 6875f9f7, 2026-11-22)",
         constants=("landmarks.detection.top_probability", "landmarks.uniqueness.EXCLUSION_PX", "landmarks.uniqueness.RING"),
-        unpriced="no switch: part of every claim", price="none beside a claim; without it 5.4 % of the usable conditions are others, 0.96 of a probability at most (50 km of the sample, 6bb26eca, 2026-11-28)",
+        unpriced="no switch: part of every claim", price="none beside a claim; without it 2.9 % of the usable conditions are others, 0.84 of a probability at most (50 km of the sample, HASH, 2026-11-30)",
     ),
     Approximation(
         "sigma of a match",

@@ -22,7 +22,7 @@ _ASCENTS = 6
 """Greatest number of maxima at half resolution that are followed to full resolution."""
 _LOSS = 0.1
 """A maximum at full resolution is at most so much above the one at half resolution."""
-_AROUND = 3
+_AROUND = 5
 """Greatest distance of the ring."""
 _STEPS = 8
 """Greatest number of steps of an ascent. Longer ones start at the border of the search, and seldom end."""
