@@ -325,8 +325,15 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "top of a broad peak",
         Figure(0.1, "", "a probability near 0.7, too high; 0.03 above 0.9, too low", MEASURED),
         "compared with the strongest of 16 places 5 cells away, others left out: up to 0.1 too high near 0.7, 0.03 too low above 0.9 (200 draws of noise over each of ten peaks, 6875f9f7, 2026-11-22)",
-        constants=("landmarks.detection.top_probability", "landmarks.uniqueness.EXCLUSION_PX", "landmarks.uniqueness.RING"),
-        unpriced="no switch: part of every claim", price="none beside a claim; without it 2.9 % of the usable conditions are others, 0.84 of a probability at most (50 km of the sample, HASH, 2026-11-30)",
+        constants=("landmarks.detection.top_probability", "landmarks.uniqueness.EXCLUSION_PX", "landmarks.uniqueness.RING", "landmarks.uniqueness._RING_PX"),
+        unpriced="no switch: part of every claim", price="none beside a claim; without it 0.8 % of the usable conditions are others, 0.84 of a probability at most (50 km of the sample, HASH, 2026-11-30)",
+    ),
+    Approximation(
+        "tops that noise raises",
+        Figure(0.21, "", "a probability, 0.2 in place of 0.3 as the least height", MEASURED),
+        "other peaks gain what the true one gains, times its height over theirs, at most 1 / 0.3: where noise is correlated over 1.5 nodes or more they gain 0.8 to 2 times as much (40 draws of noise over 4 patches); 0.2 or 0.5 in place of 0.3 change 0.12 or 0.26 % of the usable conditions, 2 or 3.5 nodes in place of 2.5 none (25 areas of the sample, HASH, 2026-11-30)",
+        constants=("landmarks.detection.rise_of_tops", "landmarks.detection._FARTHEST_PX", "landmarks.detection._LEAST_HEIGHT"),
+        unpriced="no switch: part of every claim", price="none beside a claim; without it 1.0 % of the usable conditions are others, 0.95 of a probability at most",
     ),
     Approximation(
         "sigma of a match",

@@ -20,8 +20,13 @@ others clearly: for P each e_k is z sqrt(v_0 + v_k) higher, z = max(0, Phi^-1(1 
 with A = `AMBIGUOUS` and the search's prior pi. A claim states a search without a prior, pi = 1/2; a search that takes a claim
 above 0.8 as its prior refuses nothing that P does not, so it finds such a point at least as often.
 
-P is multiplied by the probability that noise does not move the top of the true peak itself off by
-more than 2.5 nodes (`top_probability`), and by that of the fit (`settling_probability`).
+Noise also raises the top of a peak. With the score falling by d^T A d / 2 around a place and a gradient of the noise there with
+the covariance N, the top is A^-1 g away and higher by G = tr(A^-1 N) / 2 in the mean. The covariance of a match is Sigma = A^-1 N
+A^-1, hence G = tr((Sigma N)^(1/2)) / 2. A peak t times as high is as much flatter, so that e_k grows by G (1 / t - 1) more than
+e_0, t = e_k / e_0.
+
+Noise can also move the top of the true peak itself off by more than 2.5 nodes (`top_probability`). It is the same noise, so that
+the patch is found with the lesser of the two probabilities, times that of the fit (`settling_probability`).
 
 If the noise differs from place to place (`ErrorModel.spread`), P is the mean over its distribution.
 
@@ -31,6 +36,7 @@ rho_0 is below 1 where the patch, rendered alone, differs from the patch among t
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from statistics import NormalDist
 
@@ -58,6 +64,9 @@ _FIRM_PX, _LOST = 0.3, 0.3
 _PROBITS_OF_SEARCH = 0.57
 """Probits of the places that are the highest and refused, as ambiguous or by the fit: 0.48 to 0.77 over claims of 0.1 to
 0.9 in the same searches."""
+
+_FARTHEST_PX, _LEAST_HEIGHT = 2.5, 0.3
+"""Of a peak's top from its place, and of another peak over the true one's, where noise raises tops."""
 
 _CLEAR = 4.5
 SPREAD_NODES = 5
@@ -88,14 +97,45 @@ def detection_probability(
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
     nodes, weights = _quadrature(spread_nodes if match.spread > 0.0 else 1)
+    contrast = np.asarray(rival_contrast, np.float64)
     out = np.empty((len(match.contrast), 3))
     kernel.acquisition(
         match.contrast, match.noise_variance, match.along / match.pixels, rho, 1,
-        np.asarray(rivals, np.float64), np.asarray(rival_contrast, np.float64),
+        _raised(match, np.asarray(rivals, np.float64), contrast, rho), contrast,
         np.exp(match.spread * nodes), weights, least_correlation, clear_by, third_from, out,
     )  # fmt: skip
     found, there, highest = out.T
     return found, there, highest
+
+
+def rise_of_tops(match: Registration) -> Array:
+    """G (n,), by which noise raises the correlation at the top of the true peak in the mean; 0 where a patch is not located.
+    Matches farther off than `_FARTHEST_PX` are none of that peak.
+    """
+    located = np.isfinite(match.covariance_px2).all(axis=(1, 2))
+    typical = np.where(located[:, None, None], match.covariance_px2, 0.0)
+    variance, axes = np.linalg.eigh(typical / math.exp(2.0 * match.spread**2))
+    variance = np.clip(variance, 0.0, _FARTHEST_PX**2)
+    moved = np.einsum("nij,nj,nkj->nik", axes, variance, axes)
+    gradient = match.slope_noise / (match.pixels * _power(match))[:, None, None]
+    both = np.linalg.det(moved) * np.linalg.det(gradient)
+    trace = np.einsum("nij,nji->n", moved, gradient)
+    return np.asarray(0.5 * np.sqrt(np.maximum(trace + 2.0 * np.sqrt(np.maximum(both, 0.0)), 0.0)))
+
+
+def _power(match: Registration) -> Array:
+    """Variance (n,) of a noisy patch."""
+    return np.asarray(match.contrast**2 + match.noise_variance)
+
+
+def _raised(match: Registration, rivals: Array, contrast: Array, rho: Array) -> Array:
+    """Noise-free correlations (n, k) that have the means e_k with what noise raises them more than the true place."""
+    spread = np.sqrt(contrast**2 + match.noise_variance[:, None])
+    true = (rho * match.contrast / np.sqrt(_power(match)))[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lower = np.clip(rivals * contrast / spread / true, _LEAST_HEIGHT, 1.0)
+        more = rise_of_tops(match)[:, None] * (1.0 / lower - 1.0) * spread / contrast
+        return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 
 @cache
@@ -157,7 +197,11 @@ def least_rival(
         match.contrast, match.noise_variance, match.along / match.pixels, rho, 1,
         np.exp(match.spread * nodes), _CLEAR + clear_by, out,
     )  # fmt: skip
-    return out
+    half = 0.5 * match.contrast  # the least contrast of the others, which noise raises most
+    most = rise_of_tops(match) * (1.0 / _LEAST_HEIGHT - 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        more = most * np.sqrt(half**2 + match.noise_variance) / half
+    return np.where(np.isfinite(more), out - more, out)
 
 
 def top_probability(

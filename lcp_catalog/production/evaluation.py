@@ -571,13 +571,13 @@ def _chances(
         spread_nodes=nodes,
     )
     on_top = top_probability(match, RING, others.near, others.near_contrast / unit, match.own)
-    found = detection * on_top * settling_probability(match)
+    found = np.minimum(detection, on_top) * settling_probability(match)
     if shift:
         found, located = shifted(found, shift), shifted(located, shift)
     return _Chances(
         found,
         located,
-        1.0 - unique * on_top,
+        1.0 - np.minimum(unique, on_top),
         np.fmax(others.correlation[:, 0], -1.0),
     )
 

@@ -23,6 +23,7 @@ from lcp_catalog.landmarks.detection import (
     clearance,
     detection_probability,
     mistake_probability,
+    rise_of_tops,
     settling_probability,
     top_probability,
 )
@@ -81,7 +82,8 @@ def test_probability_among_given_rivals(seed, length):
             found = detection_probability(
                 match, rho[None], contrast[None], 1.0, least, clear_by=clear
             )[0][0]
-            said = probability_among(place.patch, level, length, rho, contrast, least, clear)
+            rise = float(rise_of_tops(match)[0])
+            said = probability_among(place.patch, level, length, rho, contrast, least, clear, rise)
             assert found == pytest.approx(said, abs=0.01)
 
 
@@ -111,7 +113,8 @@ def test_a_search_that_refuses_ambiguous_places():
     """The share of 200 000 draws of normal correlations in which the true place exceeds all others clearly enough."""
     place, dice = around(2), np.random.default_rng(5)
     rho, contrast = np.array([0.7, 0.5, 0.4]), np.array([0.3, 0.2, 0.2])
-    match = replace(library(place.patch, 0.3, 1.5), shift_loss=np.zeros(1))
+    match = library(place.patch, 0.3, 1.5)
+    match = replace(match, shift_loss=np.zeros(1), slope_noise=np.zeros((1, 2, 2)))  # no rise
     given = (match.contrast[0], contrast), (1.0, rho)
     (own, others), (own_rho, others_rho) = given
     size = np.append(own, others) ** 2 + match.noise_variance[0]
@@ -231,6 +234,43 @@ def test_places_around_against_opencv():
     edge = NODES // 2
     for part in near_places(place.image, place.image[:NODES, :NODES], edge):
         np.testing.assert_array_equal(np.isnan(part[0]), (cols < 0) | (rows < 0))
+
+
+def highest_near(score: np.ndarray, row: int, col: int) -> float:
+    """Of a map of correlations between its nodes, within 2.5 nodes of a place."""
+    steps = np.arange(-2.5, 2.51, 0.1)
+    down, right = (a.ravel() for a in np.meshgrid(steps, steps))
+    near = np.hypot(down, right) <= 2.5
+    return float(map_coordinates(score, [row + down[near], col + right[near]], order=3).max())
+
+
+@pytest.mark.parametrize(("length", "level"), [(1.5, 0.2), (4.0, 0.12), (1.5, 0.1)])
+def test_noise_raises_tops_against_draws(length, level):
+    """By how much the highest correlation near a place exceeds that at the place, in 40 draws over 4 patches: at the true place as
+    stated; at other peaks more, by what they are lower.
+    """
+    dice = np.random.default_rng(1)
+    own, others = [], []
+    for seed in range(4):
+        place = Surroundings.of(ground(seed, 4.0), 60, 60, NODES // 2, SEARCH)
+        match = library(place.patch, level, length)
+        (rise,), noise = rise_of_tops(match), match.noise_variance[0]
+        height = place.correlation * place.contrast / np.sqrt(place.contrast**2 + noise)
+        height /= height[SEARCH, SEARCH]
+        tops = np.argwhere(place.tops() & (height > 0.35)).tolist()
+        inner = [at for at in tops if 4 <= min(at) and max(at) <= 2 * SEARCH - 4]
+        seen = np.zeros(len(inner))
+        for _ in range(40):
+            noisy = place.image + level * noise_field(dice, len(place.image), length)
+            score = correlation(noisy, place.patch)
+            seen += [(highest_near(score, r, c) - score[r, c]) / 40 for r, c in inner]
+        for more, (r, c) in zip(seen, inner, strict=True):
+            (own if (r, c) == (SEARCH, SEARCH) else others).append((more, rise / height[r, c]))
+    (found, said), (found_there, said_there) = np.mean(own, axis=0), np.mean(others, axis=0)
+    assert len(own) == 4
+    assert found == pytest.approx(said, rel=0.45)
+    assert said_there > 1.2 * said
+    assert 0.7 < found_there / said_there < 2.0
 
 
 @pytest.mark.slow
