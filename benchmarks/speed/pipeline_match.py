@@ -224,7 +224,8 @@ def probabilities(
     there is high enough, (n,)."""
     rho = own * (1.0 - match.loss)
     some = np.isfinite(found.rivals).any(axis=0)
-    rivals = np.where(np.isnan(found.rivals), -99.0, found.rivals)[:, some]
+    rivals = raised(match, found.rivals, found.contrast / level[:, None], rho)
+    rivals = np.where(np.isnan(rivals), -99.0, rivals)[:, some]
     contrast = np.where(np.isnan(found.contrast), 1e9, found.contrast)[:, some] / level[:, None]
     bad = ~(match.contrast > 0.0) | ~np.isfinite(match.along)
     total = np.zeros((2, len(rho)))
@@ -245,8 +246,23 @@ def probabilities(
         above = ndtr(gaps).prod(axis=2)
         total += weight * np.stack([(passed * above).sum(1), passed.sum(1)]) / density.sum()
     total[:, bad] = 0.0
-    top = _on_top(match, found, level, own) * settling(match)
-    return total[0] * top, total[1]
+    return np.minimum(total[0], _on_top(match, found, level, own)) * settling(match), total[1]
+
+
+def raised(match: Match, rivals: np.ndarray, contrast: np.ndarray, rho: np.ndarray) -> np.ndarray:
+    """Rivals with what noise raises them more than the true place, (n, k)."""
+    power = match.contrast**2 + match.noise
+    known = np.isfinite(match.covariance).all(axis=(1, 2))
+    variance, axes = np.linalg.eigh(np.where(known[:, None, None], match.covariance, 0.0))
+    moved = (axes * np.clip(variance, 0.0, 2.5**2)[:, None]) @ axes.transpose(0, 2, 1)
+    both = moved @ match.slope_noise / (match.nodes * power)[:, None, None]
+    roots = np.sqrt(np.maximum(np.linalg.eigvals(both).real, 0.0))
+    spread = np.sqrt(contrast**2 + match.noise[:, None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        true = (rho * match.contrast / np.sqrt(power))[:, None]
+        lower = np.clip(rivals * contrast / spread / true, 0.3, 1.0)
+        more = 0.5 * roots.sum(axis=1)[:, None] * (1.0 / lower - 1.0) * spread / contrast
+        return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 
 def settling(match: Match) -> np.ndarray:

@@ -205,14 +205,14 @@ def probabilities(
     """As `pipeline_match.probabilities`, without rivals that cannot be higher."""
     bad = ~(match.contrast > 0.0) | ~np.isfinite(match.along)
     out = np.zeros((2, len(own)))
+    rho, contrast = own * (1.0 - match.loss), found.contrast / level[:, None]
     _probabilities(
-        match.contrast, match.noise, np.where(bad, 1.0, match.along), own * (1.0 - match.loss), match.nodes,
-        found.rivals, found.contrast / level[:, None], np.exp(2.0 * spread * plain.QUADRATURE), plain.WEIGHTS,
+        match.contrast, match.noise, np.where(bad, 1.0, match.along), rho, match.nodes,
+        plain.raised(match, found.rivals, contrast, rho), contrast, np.exp(2.0 * spread * plain.QUADRATURE), plain.WEIGHTS,
         plain.STEPS, out,
     )  # fmt: skip
     out[:, bad] = 0.0
-    top = plain._on_top(match, found, level, own) * plain.settling(match)
-    return out[0] * top, out[1]
+    return np.minimum(out[0], plain._on_top(match, found, level, own)) * plain.settling(match), out[1]
 
 
 @njit(fastmath=True)
