@@ -261,7 +261,7 @@ def raised(match: Match, rivals: np.ndarray, contrast: np.ndarray, rho: np.ndarr
     with np.errstate(divide="ignore", invalid="ignore"):
         true = (rho * match.contrast / np.sqrt(power))[:, None]
         lower = np.clip(rivals * contrast / spread / true, 0.3, 1.0)
-        more = 0.5 * roots.sum(axis=1)[:, None] * (1.0 / lower - 1.0) * spread / contrast
+        more = roots.sum(axis=1)[:, None] * (1.0 / lower - 1.0) * spread / contrast
         return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 

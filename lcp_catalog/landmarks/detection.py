@@ -23,7 +23,7 @@ above 0.8 as its prior refuses nothing that P does not, so it finds such a point
 Noise also raises the top of a peak. With the score falling by d^T A d / 2 around a place and a gradient of the noise there with
 the covariance N, the top is A^-1 g away and higher by G = tr(A^-1 N) / 2 in the mean. The covariance of a match is Sigma = A^-1 N
 A^-1, hence G = tr((Sigma N)^(1/2)) / 2. A peak t times as high is as much flatter, so that e_k grows by G (1 / t - 1) more than
-e_0, t = e_k / e_0.
+e_0, t = e_k / e_0, if the noise is smooth, and by twice as much (`_ROUGH`) in the noise of most patches.
 
 Noise can also move the top of the true peak itself off by more than 2.5 nodes (`top_probability`). It is the same noise, so that
 the patch is found with the lesser of the two probabilities, times that of the fit (`settling_probability`).
@@ -65,8 +65,9 @@ _PROBITS_OF_SEARCH = 0.57
 """Probits of the places that are the highest and refused, as ambiguous or by the fit: 0.48 to 0.77 over claims of 0.1 to
 0.9 in the same searches."""
 
-_FARTHEST_PX, _LEAST_HEIGHT = 2.5, 0.3
-"""Of a peak's top from its place, and of another peak over the true one's, where noise raises tops."""
+_FARTHEST_PX, _LEAST_HEIGHT, _ROUGH = 2.5, 0.3, 2.0
+"""Of a peak's top from its place, of another peak over the true one's, and of what noise raises other peaks more over what its
+slope tells: 0.7 to 4 in noise correlated over 0 to 4 nodes, 2 in the median (`test_noise_raises_tops_against_draws`)."""
 
 _CLEAR = 4.5
 SPREAD_NODES = 5
@@ -134,7 +135,7 @@ def _raised(match: Registration, rivals: Array, contrast: Array, rho: Array) -> 
     true = (rho * match.contrast / np.sqrt(_power(match)))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         lower = np.clip(rivals * contrast / spread / true, _LEAST_HEIGHT, 1.0)
-        more = rise_of_tops(match)[:, None] * (1.0 / lower - 1.0) * spread / contrast
+        more = _ROUGH * rise_of_tops(match)[:, None] * (1.0 / lower - 1.0) * spread / contrast
         return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 
@@ -198,7 +199,7 @@ def least_rival(
         np.exp(match.spread * nodes), _CLEAR + clear_by, out,
     )  # fmt: skip
     half = 0.5 * match.contrast  # the least contrast of the others, which noise raises most
-    most = rise_of_tops(match) * (1.0 / _LEAST_HEIGHT - 1.0)
+    most = _ROUGH * rise_of_tops(match) * (1.0 / _LEAST_HEIGHT - 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         more = most * np.sqrt(half**2 + match.noise_variance) / half
     return np.where(np.isfinite(more), out - more, out)

@@ -172,11 +172,11 @@ def probability_among(
     """P = integral over x >= least of N(x; e_0, v_0) prod_k Phi((x - e_k) / sqrt(v_k)), with the correlations and contrasts (k,)
     of the rivals without noise: e = rho c / sqrt(c^2 + s^2), v = V / N / (c^2 + s^2) (1 - e^2), s^2 the variance of the noise
     within a window. The rivals must be exceeded by ``clear_by`` joint sigmas. Noise raises the top at the true place by ``rise``,
-    and others by as many times more as their e is less, at most 1 / 0.3 times.
+    and others by as much more as their e is less, at most 1 / 0.3 times, twice.
     """
     scores = _Scores.of(patch, sigma, length)
     e = scores.expected(np.append(1.0, rho), np.append(patch.std(), contrast))
-    e[1:] += rise * (e[0] / np.clip(e[1:], 0.3 * e[0], e[0]) - 1.0)
+    e[1:] += 2.0 * rise * (e[0] / np.clip(e[1:], 0.3 * e[0], e[0]) - 1.0)
     power = scores.nodes * (np.append(patch.std(), contrast) ** 2 + scores.within)
     spread = np.sqrt(scores.variance / power * (1.0 - e**2))
     x = e[0] + spread[0] * _STEPS

@@ -258,7 +258,7 @@ def test_noise_raises_tops_against_draws(length, level):
         height = place.correlation * place.contrast / np.sqrt(place.contrast**2 + noise)
         height /= height[SEARCH, SEARCH]
         tops = np.argwhere(place.tops() & (height > 0.35)).tolist()
-        inner = [at for at in tops if 4 <= min(at) and max(at) <= 2 * SEARCH - 4]
+        inner = [at for at in tops if min(at) >= 4 and max(at) <= 2 * SEARCH - 4]
         seen = np.zeros(len(inner))
         for _ in range(40):
             noisy = place.image + level * noise_field(dice, len(place.image), length)
