@@ -25,12 +25,12 @@ SIZES = _module()
 
 BUDGETS = {
     # What issue 33 left, and lines that later issues added, rounded; commits and closing notes say for what
-    # 4100; 34: 620 failing calls and commands; 35: 156 located frames, Kaguya, the pole; 36: 340 Embree, the strong
+    # 4100; 34: 620 failing calls and commands; 35: 157 located frames, Kaguya, the pole; 36: 340 Embree, the strong
     # pipeline; 37: 390 which matcher survives which Sun; 39: 180 the flight file; 33 took away 597
-    "code lines, benchmarks": 5188,
+    "code lines, benchmarks": 5189,
     # 40 430
     # 34: 890 pipes, failed reads, cut and sparse files, implausible DEMs, digests handed on, exports
-    # 35: 1500 error models and where a fit ends, tops that noise raises, places of maps, the ground as a whole, the Sun's direction, promises of footprints
+    # 35: 1500 error models and their fit, tops that noise raises, places of maps, whole ground, the Sun, promises of footprints
     # 36: 1750 compiled files and how they are compiled, indexes of catalogues, two passes and their parts, kept ground, frames
     # 37: 2754 the registry and the trade of approximations, budgets and where their answer holds, one brightness, own Suns,
     # limits where nothing changes

@@ -212,7 +212,8 @@ def probabilities(
         plain.STEPS, out,
     )  # fmt: skip
     out[:, bad] = 0.0
-    return np.minimum(out[0], plain._on_top(match, found, level, own)) * plain.settling(match), out[1]
+    found_there = np.minimum(out[0], plain._on_top(match, found, level, own))
+    return found_there * plain.settling(match), out[1]
 
 
 @njit(fastmath=True)
