@@ -113,8 +113,8 @@ def rise_of_tops(match: Registration) -> Array:
     """G (n,), by which noise raises the correlation at the top of the true peak in the mean; 0 where a patch is not located.
     Matches farther off than `_FARTHEST_PX` are none of that peak.
     """
-    located = np.isfinite(match.covariance_px2).all(axis=(1, 2))
-    typical = np.where(located[:, None, None], match.covariance_px2, 0.0)
+    located = np.isfinite(match.covariance_px2).all(axis=(1, 2), keepdims=True)
+    typical = np.where(located, match.covariance_px2, 0.0)
     variance, axes = np.linalg.eigh(typical / math.exp(2.0 * match.spread**2))
     variance = np.clip(variance, 0.0, _FARTHEST_PX**2)
     moved = np.einsum("nij,nj,nkj->nik", axes, variance, axes)
