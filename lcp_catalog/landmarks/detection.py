@@ -113,15 +113,19 @@ def rise_of_tops(match: Registration) -> Array:
     """G (n,), by which noise raises the correlation at the top of the true peak in the mean; 0 where a patch is not located.
     Matches farther off than `_FARTHEST_PX` are none of that peak.
     """
-    located = np.isfinite(match.covariance_px2).all(axis=(1, 2), keepdims=True)
-    typical = np.where(located, match.covariance_px2, 0.0)
-    variance, axes = np.linalg.eigh(typical / math.exp(2.0 * match.spread**2))
-    variance = np.clip(variance, 0.0, _FARTHEST_PX**2)
-    moved = np.einsum("nij,nj,nkj->nik", axes, variance, axes)
-    gradient = match.slope_noise / (match.pixels * _power(match))[:, None, None]
-    both = np.linalg.det(moved) * np.linalg.det(gradient)
-    trace = np.einsum("nij,nji->n", moved, gradient)
-    return np.asarray(0.5 * np.sqrt(np.maximum(trace + 2.0 * np.sqrt(np.maximum(both, 0.0)), 0.0)))
+    (xx, xy), (_, yy) = np.moveaxis(match.covariance_px2, 0, -1) / math.exp(2.0 * match.spread**2)
+    (gx, gxy), (_, gy) = np.moveaxis(match.slope_noise, 0, -1) / (match.pixels * _power(match))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle, away = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+        least, most = (np.clip(middle + sign * away, 0.0, _FARTHEST_PX**2) for sign in (-1.0, 1.0))
+        # the covariance with variances up to that: a part of unity and a part of itself
+        own = np.where(away > 0.0, (most - least) / (2.0 * away), 0.0)
+        trace = own * (xx * gx + 2.0 * xy * gxy + yy * gy) + (least - own * (middle - away)) * (
+            gx + gy
+        )
+        product = least * most * (gx * gy - gxy**2)
+        rise = 0.5 * np.sqrt(np.maximum(trace, 0.0) + 2.0 * np.sqrt(np.maximum(product, 0.0)))
+    return np.where(np.isfinite(rise), rise, 0.0)
 
 
 def _power(match: Registration) -> Array:
