@@ -324,7 +324,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "top of a broad peak",
         Figure(0.1, "", "a probability near 0.7, too high; 0.03 above 0.9, too low", MEASURED),
-        "compared with the strongest of 16 places 5 cells away, others left out: up to 0.1 too high near 0.7, 0.03 too low above 0.9 (200 draws of noise over each of ten peaks, e969fc6d, 2026-11-30)",
+        "compared with the strongest of 16 places 5 cells away, others left out: in the mean up to 0.1 too high near 0.7, 0.03 too low above 0.9 (200 draws of noise over each of ten peaks, e969fc6d, 2026-11-30)",
         constants=("landmarks.detection.top_probability", "landmarks.uniqueness.EXCLUSION_PX", "landmarks.uniqueness.RING", "landmarks.uniqueness._RING_PX"),
         unpriced="no switch: part of every claim", price="none beside a claim; without it 0.7 % of the usable conditions are others, 0.84 of a probability at most (25 areas of the sample, e969fc6d, 2026-11-30)",
     ),

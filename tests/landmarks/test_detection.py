@@ -220,7 +220,10 @@ def random_cases(rng, n: int, spread: float) -> tuple[Registration, np.ndarray]:
         shift_loss=rng.uniform(0.0, 0.05, n),
         slope_noise=slopes @ slopes.transpose(0, 2, 1),
     )
-    return match, rng.uniform(0.6, 1.0, n)
+    own = rng.uniform(0.6, 1.0, n)
+    dice = np.random.default_rng(n)
+    moved = dice.normal(size=(n, 2, 2)) * dice.uniform(0.0, 1.5, (n, 1, 1))
+    return dataclasses.replace(match, covariance_px2=moved @ moved.transpose(0, 2, 1)), own
 
 
 @pytest.mark.slow

@@ -281,6 +281,23 @@ def test_what_the_views_of_a_sun_share_is_computed_once_and_is_the_same_image_by
     assert (together.occlusion_dependence[:, 1:] > 0.0).any()
 
 
+def test_a_moved_top_and_another_place_are_one_noise(monkeypatch):
+    """The lesser of their probabilities counts, not the product: a claim below a top's stays, one above is the top's."""
+    found = {}
+    for top in (1.0, 0.6):
+        monkeypatch.setattr(
+            evaluation,
+            "top_probability",
+            lambda match, *_, top=top: np.full(match.pixels.shape, top),
+        )
+        monkeypatch.setattr(evaluation, "settling_probability", lambda match: 1.0)
+        found[top] = judged(ground(3), config=CONFIG.replaced({"model.whole_search": True}))
+    free, held = (found[top].detection[found[1.0].detection > 0.0] for top in (1.0, 0.6))
+    assert (free < 0.6).sum() > 3
+    assert (free > 0.7).sum() > 3
+    np.testing.assert_allclose(held, np.minimum(free, 0.6), atol=1e-6)
+
+
 def test_a_claim_compares_what_a_template_shows(monkeypatch):
     """At each scale the image's window without its outermost nodes, V over W - 1.9 by W cos e - 1.9 pixels for W cells, and
     0.2 of the clearance at which a search without a prior refuses a place that is right with a probability of 0.8.
