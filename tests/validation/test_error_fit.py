@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from statistics import NormalDist
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -295,9 +296,11 @@ def test_what_is_found_in_an_image_that_is_not_located_is_no_place(
         found_px=np.arange(6.0).reshape(3, 2),
         point=np.arange(3),
     )
-    request = SimpleNamespace(pose_is_known=True, law=None)
+    request: Any = SimpleNamespace(pose_is_known=True, law=None)
+    nothing: Any = None
     for pose in (None, object()):
-        located = SimpleNamespace(pose=pose, matches=matches)
-        run._residuals(request, None, located, SimpleNamespace(name="frame"))  # type: ignore[arg-type]
+        located: Any = SimpleNamespace(pose=pose, matches=matches)
+        image: Any = SimpleNamespace(name="frame")
+        run._residuals(request, nothing, located, image)
     np.testing.assert_array_equal(pixels[0], np.full((2, 2), np.nan))
     np.testing.assert_array_equal(pixels[1], [[0.0, 1.0], [np.nan, np.nan]])
