@@ -178,7 +178,7 @@ def knobs_chart(rows: list[Row], best: Row | None = None) -> Markup:
     axes = Axes(
         Axis(low, high, _time_ticks(low, high), "processor time relative to your configuration", log=True, grid=True),
         Axis(10.0 ** (decades[0] - 1), 10.0 ** decades[1], ticks, "share of the conditions changed", log=True, grid=True),
-        width=_WIDE_PX, height=460.0, left=_LEFT_PX, right=24.0, top=18.0, bottom=64.0,
+        width=_WIDE_PX, height=_HIGH_PX, left=_LEFT_PX, right=24.0, top=18.0, bottom=64.0,
     )  # fmt: skip
 
     def place(row: Row) -> tuple[float, float]:
@@ -214,8 +214,8 @@ def _mark(row: Row, at: tuple[float, float]) -> Markup:
     return Markup(form).format(css, *at, radius, told)
 
 
-_WIDE_PX, _LEFT_PX = 820.0, 92.0
-"""Width of the chart of all approximations and of what is left of its axis, units of the chart."""
+_WIDE_PX, _HIGH_PX, _LEFT_PX = 820.0, 460.0, 92.0
+"""Width and height of the chart of all approximations and what is left of its axis, units of the chart."""
 
 _LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 14.0, 4.0
 """Greatest mean width of a letter of a name, its height, and the radius of a mark, in units of the chart."""
@@ -223,33 +223,40 @@ _LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 14.0, 4.0
 _BESIDE_PX = 10.0
 """From the middle of a mark to its name."""
 
-_AWAY_PX = 0.0, -13.0, 13.0, -26.0, 26.0, -39.0, 39.0
-"""Heights beside a mark at which there may be place for its name."""
+_PLACES_PX = sorted(
+    ((right, down) for right in range(0, 401, 20) for down in range(-442, 443, 13)),
+    key=lambda at: (math.hypot(*at), -at[1]),
+)
+"""Ways from a mark, beyond `_BESIDE_PX` to its right or left, where there may be place for its name, the nearest first."""
 
 
 def _names(
     named: list[tuple[str, tuple[float, float]]], marks: list[tuple[float, float]]
 ) -> list[Markup]:
-    """Names of marks, each where it covers no mark and no other name: right or left of its own, as near as possible. One
-    without such a place is left out; pointing at its mark gives it.
+    """Names of marks, each where it covers no mark and no other name: right or left of its own, as near as possible, with a line
+    from the mark where it is not beside it. One that has no place at all is left out; pointing at its mark gives it.
     """
     taken = [(x - _MARK_PX, y - _MARK_PX, x + _MARK_PX, y + _MARK_PX) for x, y in marks]
     found = []
     for name, (x, y) in named:
         width = _LETTER_PX * len(name)
-        for away, side in ((away, side) for away in _AWAY_PX for side in (1.0, -1.0)):
-            near, far = x + _BESIDE_PX * side, x + (_BESIDE_PX + width) * side
-            middle = y + away
+        for (right, down), side in ((at, side) for at in _PLACES_PX for side in (1.0, -1.0)):
+            near = x + (_BESIDE_PX + right) * side
+            far, middle = near + width * side, y + down
             box = (min(near, far), middle - 0.5 * _LINE_PX, max(near, far), middle + 0.5 * _LINE_PX)
-            if (
-                box[0] > 0.0
-                and box[2] < _WIDE_PX
-                and not any(_overlap(box, other) for other in taken)
-            ):
+            inside = box[0] > 0.0 < box[1] and box[2] < _WIDE_PX and box[3] < _HIGH_PX
+            if inside and not any(_overlap(box, other) for other in taken):
                 taken.append(box)
                 anchor = "start" if side > 0.0 else "end"
-                text = "<g class='tier'><text x='{:.1f}' y='{:.1f}' text-anchor='{}'>{}</text></g>"
-                found.append(Markup(text).format(near, middle + 4.0, anchor, name))
+                line = f"<path class='tie' d='M{x:.1f} {y:.1f}L{near:.1f} {middle:.1f}'/>"
+                text = (
+                    "<g class='tier'>{}<text x='{:.1f}' y='{:.1f}' text-anchor='{}'>{}</text></g>"
+                )
+                found.append(
+                    Markup(text).format(
+                        Markup(line * (right > 0 or down != 0)), near, middle + 4.0, anchor, name
+                    )
+                )
                 break
     return found
 

@@ -493,12 +493,13 @@ def test_the_worth_of_points_is_their_usable_share(found: Trade, build: Build) -
 
 
 def test_names_in_the_chart_cover_nothing() -> None:
-    """Crowded marks: no name lies on another or on a mark, each begins beside its own or is left out."""
+    """Crowded marks: all have a name, none lies on another or on a mark; each begins beside its own or at the end of its line."""
     rng = np.random.default_rng(4)
     marks = [(float(x), float(y)) for x, y in rng.uniform((200, 100), (420, 300), (40, 2))]
     named = [(f"approximation {k}: some value", marks[k]) for k in range(12)]
     texts = [str(one) for one in charts._names(named, marks)]
-    assert 4 < len(texts) <= 12
+    assert len(texts) == 12
+    lines = 0
     form = r"x='([\d.]+)' y='([\d.]+)' text-anchor='(\w+)'>(.+)</text>"
     boxes = []
     for text in texts:
@@ -506,7 +507,16 @@ def test_names_in_the_chart_cover_nothing() -> None:
         assert found
         x, y, wide = float(found[1]), float(found[2]), 6.8 * len(found[4])
         own = dict(named)[found[4]]
-        assert abs(abs(x - own[0]) - 10.0) < 0.1
+        line = re.search(r"d='M(\S+) (\S+)L(\S+) (\S+)'", text)
+        if line:
+            begins, ends = np.array(line.groups(), float).reshape(2, 2)
+            assert begins == pytest.approx(own, abs=0.06)
+            assert ends == pytest.approx((x, y - 4.0), abs=0.11)
+            lines += 1
+        else:
+            assert abs(x - own[0]) == pytest.approx(10.0, abs=0.1)
+            assert y - 4.0 == pytest.approx(own[1], abs=0.06)
+        assert 0.0 <= y - 11.0 < y + 3.0 <= 460.0
         left = x if found[3] == "start" else x - wide
         assert (left > own[0]) == (found[3] == "start")
         boxes.append((left, y - 10.0, left + wide, y + 2.0))
@@ -519,6 +529,7 @@ def test_names_in_the_chart_cover_nothing() -> None:
             right <= b[0] + 0.2 or b[2] <= left + 0.2 or bottom <= b[1] + 0.2 or b[3] <= top + 0.2
             for b in boxes[:k]
         )
+    assert 0 < lines < 12
     assert charts._names([("x" * 200, (400.0, 200.0))], []) == []
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.catalogs import HADLEY
-from helpers.pages import parsed
+from helpers.pages import in_browser, measured, parsed
 from helpers.trades import CONFIG, candidates, cratered_dem, faulty
 
 from lcp_catalog.accuracy import TIERS
@@ -244,6 +244,27 @@ def test_what_the_columns_mean_is_a_list_below_the_table(trade: Trade) -> None:
     assert "0 alternatives measured" in page
     assert "The large mark" not in page
     assert knob_table.KNOBS_EXPLAINED[0] not in page
+
+
+@in_browser
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [800, 1280])
+def test_no_table_is_wider_than_the_page(trade: Trade, width: int, tmp_path: Path) -> None:
+    """With texts as long as those of the sample."""
+    row = {
+        "knob": "search at half resolution first", "value": "0.2 of a correlation", "configured": "0.3 of a correlation",
+        "default": False, "areas": 2, "areas_of": 67, "seconds_relative": 14.64, "seconds_interval": [10.36, 20.03],
+        "conditions_changed_share": 0.258, "interval": [0.19, 0.345], "points": 127, "points_lost": 117, "points_gained": 116,
+        "usable_ratio": 1.54, "usable_interval": [1.16, 1.92], "detection_change_mean": 7.1e-5, "detection_change_max": 0.39,
+        "build_seconds": 196.0, "memory_mb": 400.0, "bytes": 14.47e6, "sigma_ratio": 0.738, "shift_cells": 0.0044,
+        "sunlit_error_share": 0.0077, "promise_change": -0.012,
+    }  # fmt: skip
+    own = row | {"knob": "", "default": True, "value": "as configured", "configured": ""}
+    page = report.render_trade(dataclasses.replace(trade, rows=[own, row]))
+    assert page.count("overflow-x: auto") == 2
+    found = measured(page.replace("overflow-x: auto", "overflow: visible"), width, tmp_path)
+    assert found["wide"] == 0
+    assert found["texts"] > 200
 
 
 def test_the_range_of_one_run_is_not_said(trade: Trade) -> None:
