@@ -5,6 +5,7 @@ charts and tables share.
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -34,11 +35,9 @@ def number_or_dash(value: float | None, digits: int = 2) -> str:
 def changed_share(row: Row) -> str:
     share = share_text(row["conditions_changed_share"])
     around = None if row.get("default") else row["interval"]
-    return (
-        share
-        if around is None
-        else f"{share} ({share_text(around[0]).removesuffix(' %')} to {share_text(around[1])})"
-    )
+    if around is None:
+        return share
+    return f"{share} ({share_text(around[0]).removesuffix(' %')} to {share_text(around[1])})"
 
 
 _NO_ERROR = 0.8
@@ -170,9 +169,7 @@ def knobs_chart(rows: list[Row], best: Row | None = None) -> Markup:
         return Markup()
     taken = [best] if best and best["value"] else []
     low, high = _time_limits([r["seconds_relative"] for r in some + taken])
-    decades = _decades(
-        [s for r in some + taken if (s := r["conditions_changed_share"] or 0.0) > 0.0]
-    )
+    decades = _decades([s for r in some + taken if (s := r["conditions_changed_share"] or 0.0)])
     powers = range(decades[0], decades[1] + 1)
     ticks = [(_drawn(0.0, decades), "0"), *((10.0**k, _percent(k)) for k in powers)]
     axes = Axes(
@@ -186,16 +183,11 @@ def knobs_chart(rows: list[Row], best: Row | None = None) -> Markup:
         x, y = axes.at([row["seconds_relative"]], [share])
         return float(x[0]), float(y[0])
 
-    unbeaten = front(
-        [r for r in some if _differs(r)], "seconds_relative", "conditions_changed_share"
-    )
-    line = axes.line(
-        [r["seconds_relative"] for r in unbeaten],
-        [_drawn(r["conditions_changed_share"], decades) for r in unbeaten],
-        "front",
-    )
-    named = [r for r in some if not r["knob"]] + taken
-    named += [r for r in unbeaten if r["knob"]]
+    keys = "seconds_relative", "conditions_changed_share"
+    unbeaten = front([r for r in some if _differs(r)], keys[0], keys[1])
+    x, y = ([r[key] for r in unbeaten] for key in keys)
+    line = axes.line(x, [_drawn(share, decades) for share in y], "front")
+    named = [r for r in some if not r["knob"]] + taken + [r for r in unbeaten if r["knob"]]
     names = _names([(_name(r), place(r)) for r in named], [place(r) for r in some + taken])
     marks = [_mark(row, place(row)) for row in sorted(some, key=lambda r: not r["knob"]) + taken]
     return axes.draw(
@@ -223,18 +215,20 @@ _LETTER_PX, _LINE_PX, _MARK_PX = 6.8, 14.0, 4.0
 _BESIDE_PX = 10.0
 """From the middle of a mark to its name."""
 
-_PLACES_PX = sorted(
-    ((right, down) for right in range(0, 401, 20) for down in range(-442, 443, 13)),
-    key=lambda at: (math.hypot(*at), -at[1]),
-)
+_PLACES_PX = sorted(product(range(0, 401, 20), range(-442, 443, 13)), key=lambda at: math.hypot(*at))  # fmt: skip
 """Ways from a mark, beyond `_BESIDE_PX` to its right or left, where there may be place for its name, the nearest first."""
+
+_NAME = (
+    "<g class='tier'><path class='tie' d='M{0:.1f} {1:.1f}L{2:.1f} {3:.1f}'/>"
+    "<text x='{2:.1f}' y='{4:.1f}' text-anchor='{5}'>{6}</text></g>"
+)
 
 
 def _names(
     named: list[tuple[str, tuple[float, float]]], marks: list[tuple[float, float]]
 ) -> list[Markup]:
     """Names of marks, each where it covers no mark and no other name: right or left of its own, as near as possible, with a line
-    from the mark where it is not beside it. One that has no place at all is left out; pointing at its mark gives it.
+    from the mark. One that has no place at all is left out; pointing at its mark gives it.
     """
     taken = [(x - _MARK_PX, y - _MARK_PX, x + _MARK_PX, y + _MARK_PX) for x, y in marks]
     found = []
@@ -248,15 +242,7 @@ def _names(
             if inside and not any(_overlap(box, other) for other in taken):
                 taken.append(box)
                 anchor = "start" if side > 0.0 else "end"
-                line = f"<path class='tie' d='M{x:.1f} {y:.1f}L{near:.1f} {middle:.1f}'/>"
-                text = (
-                    "<g class='tier'>{}<text x='{:.1f}' y='{:.1f}' text-anchor='{}'>{}</text></g>"
-                )
-                found.append(
-                    Markup(text).format(
-                        Markup(line * (right > 0 or down != 0)), near, middle + 4.0, anchor, name
-                    )
-                )
+                found.append(Markup(_NAME).format(x, y, near, middle, middle + 4.0, anchor, name))
                 break
     return found
 

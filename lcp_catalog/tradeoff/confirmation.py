@@ -195,9 +195,9 @@ def _best(
 
 
 CONFIRMED, CLOSE = 32, 0.15
-"""Least number of areas, where the build has them, on which the configuration for a budget is measured; and the half width of the
-interval of its error, as a share of it, above which twice as many are taken, as they are where what its points are worth is not
-clear (`is_clear`)."""
+"""Least number of areas, where the build has them, on which the configuration for a budget is measured; and how far below its error
+the interval may begin, as a share of it (the scatter of areas alone; none for an error of 0), before twice as many are taken, as
+they are where what its points are worth is not clear (`is_clear`)."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,7 @@ class Confirmation:
         while self.fits(min(count, len(self.sample.build.jobs)), told["seconds_relative"]):
             row = self._of(best, count)
             around, share = row["interval"], row["conditions_changed_share"] or 0.0
-            close = around is None or not share or around[1] - around[0] <= 2.0 * CLOSE * share
+            close = around is None or not share or share - around[0] <= CLOSE * share
             if (close and is_clear(row)) or row["areas"] == len(self.sample.build.jobs):
                 break
             count *= 2

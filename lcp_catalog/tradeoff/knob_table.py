@@ -10,7 +10,7 @@ from ..approximations import APPROXIMATIONS
 from ..plots.numbers import number
 from .charts import Row, changed_share, number_or_dash, share_text, times
 from .confirmation import PAIRS
-from .knob_rows import NEAR_CELLS
+from .knob_rows import NEAR_CELLS, UNSEEN_CHANGE
 from .measurement import Trade
 from .proposal import LEAST_USABLE, OTHER_GROUND, is_clear, other_ground
 
@@ -23,8 +23,8 @@ KNOBS_EXPLAINED = (
     f"Each row changes one setting of your configuration and is computed on the same areas. Candidates within {NEAR_CELLS:g} cells of each other count as one place.",
     "time: processor time of all areas of the build, estimated from those measured, over that of your configuration (median of its runs); in brackets with the range "
     f"of these runs in both times, or, where a budget may take the alternative, that of up to {PAIRS} more pairs of runs. Brackets that include 1: no difference.",
-    "conditions changed: of the Suns and views of places in both (and of the image scales, where these change), the share that is usable in one only; in brackets the 90 % interval, from the scatter over "
-    "the areas; where none changes, up to the share of the areas that may change unseen, as if all their conditions did: a limit, no expectation. Between the Suns and views of a coarser grid claims are interpolated, without the margins of a query. A view or scale without a claim is not usable, and has no change of probability.",
+    "conditions changed: of the Suns and views of places in both (and of the image scales, where these change), the share that is usable in one only; in brackets the 90 % interval: "
+    f"from the scatter over the areas, and at least up to the share with what areas like none measured add, as many as may be unseen, if they change {100 * UNSEEN_CHANGE:g} % of their conditions. Between the Suns and views of a coarser grid claims are interpolated, without the margins of a query. A view or scale without a claim is not usable, and has no change of probability.",
     "points: chosen by spacing, in the measured areas alone; a change of the promise is known only where all areas are computed.",
     "worth of points: the sum of the usable shares of their conditions, over that of your configuration; in brackets the 90 % interval, from the scatter over the areas, "
     f"widened for changes that the measured areas happen not to show. Below {LEAST_USABLE:g} an alternative is not taken for a budget. A dash: not known; areas of another size have other borders, and "
@@ -143,6 +143,9 @@ def best_said(trade: Trade) -> list[str]:
         f"On this scene, {measured}: {_build_time(best)} "
         f"({times(best['seconds_relative'])} of the time of your configuration's areas), {changed_share(best)} of the conditions changed{places}."
     ]
+    none = "No condition changes on these areas, so that no more were measured: the interval ends with what others may change."
+    ended = is_clear(best) and not best["conditions_changed_share"]
+    said += [none] * (ended and 0 < best["areas"] < best["areas_of"])
     few = f"Whether its points are worth {LEAST_USABLE:g} so few do not tell: measure more areas."
     return said + [few] * (best["areas"] > 0 and not is_clear(best)) + _elsewhere(best)
 

@@ -459,6 +459,16 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
     assert knob_table.best_said(unclear)[3].startswith(
         "Whether its points are worth 0.95 so few do"
     )
+    ended = "No condition changes on these areas, so that no more were measured"
+    for areas, share, told_so in (
+        (14, 0.0, True),
+        (14, 0.02, False),
+        (67, 0.0, False),
+        (0, 0.0, False),
+    ):
+        other = {"areas": areas, "areas_of": 67, "conditions_changed_share": share}
+        of = knob_table.best_said(dataclasses.replace(some, best_row=row | other))
+        assert told_so == any(one.startswith(ended) for one in of)
     alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})
     assert knob_table.best_said(alone)[-1] == said[4]
     for other in ({"finer": True}, {"conditions_changed_share": 0.004}, {"elsewhere": [0.0, 0.07]}):
@@ -493,13 +503,13 @@ def test_the_worth_of_points_is_their_usable_share(found: Trade, build: Build) -
 
 
 def test_names_in_the_chart_cover_nothing() -> None:
-    """Crowded marks: all have a name, none lies on another or on a mark; each begins beside its own or at the end of its line."""
+    """Crowded marks: all have a name, none lies on another or on a mark; each begins at the end of its line."""
     rng = np.random.default_rng(4)
     marks = [(float(x), float(y)) for x, y in rng.uniform((200, 100), (420, 300), (40, 2))]
     named = [(f"approximation {k}: some value", marks[k]) for k in range(12)]
     texts = [str(one) for one in charts._names(named, marks)]
     assert len(texts) == 12
-    lines = 0
+    beside = 0
     form = r"x='([\d.]+)' y='([\d.]+)' text-anchor='(\w+)'>(.+)</text>"
     boxes = []
     for text in texts:
@@ -508,14 +518,11 @@ def test_names_in_the_chart_cover_nothing() -> None:
         x, y, wide = float(found[1]), float(found[2]), 6.8 * len(found[4])
         own = dict(named)[found[4]]
         line = re.search(r"d='M(\S+) (\S+)L(\S+) (\S+)'", text)
-        if line:
-            begins, ends = np.array(line.groups(), float).reshape(2, 2)
-            assert begins == pytest.approx(own, abs=0.06)
-            assert ends == pytest.approx((x, y - 4.0), abs=0.11)
-            lines += 1
-        else:
-            assert abs(x - own[0]) == pytest.approx(10.0, abs=0.1)
-            assert y - 4.0 == pytest.approx(own[1], abs=0.06)
+        assert line
+        begins, ends = np.array(line.groups(), float).reshape(2, 2)
+        assert begins == pytest.approx(own, abs=0.06)
+        assert ends == pytest.approx((x, y - 4.0), abs=0.11)
+        beside += abs(y - 4.0 - own[1]) < 0.11
         assert 0.0 <= y - 11.0 < y + 3.0 <= 460.0
         left = x if found[3] == "start" else x - wide
         assert (left > own[0]) == (found[3] == "start")
@@ -529,7 +536,7 @@ def test_names_in_the_chart_cover_nothing() -> None:
             right <= b[0] + 0.2 or b[2] <= left + 0.2 or bottom <= b[1] + 0.2 or b[3] <= top + 0.2
             for b in boxes[:k]
         )
-    assert 0 < lines < 12
+    assert 0 < beside < 12
     assert charts._names([("x" * 200, (400.0, 200.0))], []) == []
 
 

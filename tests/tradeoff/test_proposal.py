@@ -6,6 +6,7 @@ import dataclasses
 import math
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -283,3 +284,29 @@ def test_what_was_not_measured_together_is_said_by_the_rows() -> None:
 def test_an_impossible_budget_is_refused(given: tuple[float | None, float | None, float]) -> None:
     with pytest.raises(ConfigError):
         require_one(*given)
+
+
+@pytest.mark.parametrize(
+    ("share", "low", "counts"),
+    [
+        (0.02, 0.0172, [32]),
+        (0.02, 0.0168, [32, 64, 128, 256]),  # more than 15 % below: twice as many, up to all
+        (0.0, 0.0, [32]),  # nothing changes
+    ],
+)
+def test_the_confirmation_ends_where_its_areas_scatter_little(
+    share: float, low: float, counts: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However far the interval goes up, for areas that may be like none measured."""
+    taken: list[int] = []
+
+    def row(self: confirmation.Confirmation, best: knobs.Setting, count: int) -> dict[str, Any]:
+        taken.append(count)
+        around = {"interval": [low, share + 0.01], "conditions_changed_share": share}
+        return around | {"usable_interval": None, "areas": min(count, 200)}
+
+    monkeypatch.setattr(confirmation.Confirmation, "_of", row)
+    sample: Any = SimpleNamespace(build=SimpleNamespace(jobs=[None] * 200))
+    confirm = confirmation.Confirmation(sample, 4, knobs.Started(), math.inf, 0.0)
+    confirm.row(knobs.Setting("", "", {}), {"seconds_relative": 1.0})
+    assert taken == counts
