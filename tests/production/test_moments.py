@@ -95,14 +95,18 @@ class Made:
         near = Near(self.sites, self.places, self.radius_m, first, place)
         return moment_cover(near, self.claims(), self.columns)
 
-    def least(self, suns: int) -> tuple[Bytes, Mask]:
+    def least(self, suns: int, conditions: Index | None = None) -> tuple[Bytes, Mask]:
         """(candidate, place, condition): the least percents at random Suns that stand in a cell at the place, 255 where none
-        does; and whether they are far from the ends of the claims at the candidate.
+        does, nor beside the ``conditions`` that are asked for; and whether they are far from the ends of the claims at the
+        candidate.
         """
         rng = np.random.default_rng(6)
         high, wide = self.grid.shape[0] - 1, self.grid.shape[1]
         found = np.full((CANDIDATES, PLACES, 2, high * wide), 255, np.uint8)
         inner = np.ones(found.shape, np.bool_)
+        asked = np.ones((2, high * wide), np.bool_)
+        if conditions is not None:
+            asked = np.isin(np.arange(asked.size), conditions).reshape(asked.shape)
         probabilities = np.linspace(1e-3, 1.0 - 1e-3, 4000)
         heights = height(probabilities)
         stated = [[self._interpolated(i, v) for v in range(2)] for i in range(CANDIDATES)]
@@ -112,6 +116,8 @@ class Made:
             some = (elevation >= self.elevations[0]) & (elevation < self.elevations[-1])
             row = np.searchsorted(self.elevations, elevation[some], "right") - 1
             cell = row * wide + (azimuth[some] / (360.0 / wide)).astype(np.int64)
+            some = np.flatnonzero(some)[asked[:, cell].any(axis=0)]
+            cell = cell[asked[:, cell].any(axis=0)]
             for i in range(CANDIDATES):
                 at = angles(self.sites[0][i], self.sites[1][i], sun[0][some], sun[1][some])
                 # half a step beyond them, 2.5 deg at most, those of the end hold
@@ -119,7 +125,8 @@ class Made:
                 first, last = np.minimum(np.diff(self.elevations)[[0, -1]] / 2.0, 2.5)
                 outside = (at[0] < low - first) | (at[0] > high + last)
                 kept = np.stack([np.clip(at[0], low, high), at[1]], axis=1)
-                for v, view in enumerate(self.views):
+                for v in np.flatnonzero(asked.any(axis=1)):
+                    view = self.views[v]
                     shown = stated[i][v](kept)
                     shown = shown * signal(*at, view, self.slope[i])
                     percents = 100.0 * np.interp(shown, heights, probabilities)
@@ -192,7 +199,7 @@ def test_a_place_is_told_how_little_shows_under_a_sun_near_the_views_direction(
     sun = np.stack([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)], axis=-1)
     away = np.degrees(np.arccos(sun @ made.views[1]))
     near = np.flatnonzero(away < 15.0) + away.size  # of the second view
-    least, _ = made.least(60_000)
+    least, _ = made.least(60_000, near)
     told, seen = (units[:, near] for units in of_pairs(made, made.cover()[0], least))
     stands = (seen < 255) & (told < 255)
     assert np.count_nonzero(stands) > 300
