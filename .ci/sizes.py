@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import io
 import re
@@ -41,6 +42,8 @@ def sources(folder: str) -> list[Path]:
 def code_lines(path: Path) -> int:
     """Lines that hold code: without blank lines, comments and texts that stand alone (docstrings)."""
     text = path.read_text(encoding="utf-8")
+    lines = text.split("\n")
+    held = {k for k, line in enumerate(lines, 1) if (code := line.strip()) and code[0] != "#"}
     alone: set[int] = set()
     for node in _nodes(path):
         if (
@@ -49,11 +52,27 @@ def code_lines(path: Path) -> int:
             and isinstance(node.value.value, str)
         ):
             alone |= {*range(node.lineno, (node.end_lineno or node.lineno) + 1)}
-    held: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in _LAYOUT:
-            held |= {*range(token.start[0], token.end[0] + 1)}
+    for first, last in {
+        (node.lineno, node.end_lineno or node.lineno)
+        for node in _nodes(path)
+        if isinstance(node, ast.Constant | ast.JoinedStr)
+    }:
+        # In texts of several lines blank lines count, and what begins as a comment does; beside them in brackets not. Only
+        # there is the tokenizer asked: it takes as long as all the rest.
+        if last > first and last not in alone:
+            held -= {*range(first, last + 1)}
+            held |= _token_lines(lines[first - 1 : last], first)
     return len(held - alone)
+
+
+def _token_lines(lines: list[str], first: int) -> set[int]:
+    """Numbers of the lines that hold tokens, of a part of a file that begins with line ``first``."""
+    held: set[int] = set()
+    with contextlib.suppress(tokenize.TokenError):  # brackets that the part leaves open
+        for token in tokenize.generate_tokens(io.StringIO("\n".join(["(" * 9, *lines])).readline):
+            if token.type not in _LAYOUT:
+                held |= {*range(token.start[0], token.end[0] + 1)}
+    return {first - 2 + k for k in held if k > 1}
 
 
 def repeated_classes() -> dict[str, list[str]]:
