@@ -41,15 +41,6 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 beside the tests: 14 x 14 nodes under one Sun then take 79 ms on a busy machine instead of 0.3."""
 
 
-@pytest.fixture(autouse=True)
-def _silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Commands that run in this process do not say how long they or their tasks are at work: on a slow machine each
-    would.
-    """
-    monkeypatch.setattr("lcp_cli.progress.alive", lambda name: nullcontext())
-    monkeypatch.setattr("lcp_cli.progress._FIRST_S", 600.0)
-
-
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The small files that the repository holds (see PROVENANCE.md there)."""
@@ -98,8 +89,7 @@ def archive_copy(archive: dict[str, Product], tmp_path: Path) -> Callable[[str],
     return lambda image: archive[image].copied_to(tmp_path)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def one_thread_in_a_worker() -> None:
+def _one_thread_in_a_worker() -> None:
     """Kernels and OpenCV use one thread in each process of a parallel run, unless a test asks for more."""
     if "PYTEST_XDIST_WORKER" in os.environ:
         import cv2  # noqa: F401  limit_threads sees it only if it is imported
@@ -109,8 +99,15 @@ def one_thread_in_a_worker() -> None:
         limit_threads(1)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def checks_in_this_process() -> Iterator[None]:
+def _silent(patch: pytest.MonkeyPatch) -> None:
+    """Commands that run in this process do not say how long they or their tasks are at work: on a slow machine each
+    would. Tests of that set it back.
+    """
+    patch.setattr("lcp_cli.progress.alive", lambda name: nullcontext())
+    patch.setattr("lcp_cli.progress._FIRST_S", 600.0)
+
+
+def _checks_in_this_process(patch: pytest.MonkeyPatch) -> None:
     """Files of catalogues are checked by a call here: the process of its own that a check has takes 0.3 s
     to start, for a thousand files. What a check found in a file without a fault is remembered for files of the
     same bytes, and what the last check found in a faulty one. Tests of damaged files ask for `checks_apart`.
@@ -136,13 +133,10 @@ def checks_in_this_process() -> Iterator[None]:
             last[key] = found
         return found
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verification, "call_apart", call_here)
-        yield
+    patch.setattr(verification, "call_apart", call_here)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def resolution_of_equal_heights() -> Iterator[None]:
+def _resolution_of_equal_heights(patch: pytest.MonkeyPatch) -> None:
     """The effective resolution of a DEM, which takes 0.4 s for the sample, is estimated once for all copies of a file."""
     from lcp_catalog.dem import effective_resolution
 
@@ -161,32 +155,26 @@ def resolution_of_equal_heights() -> Iterator[None]:
             known[key] = of_windows(windows, posting_m)
         return known[key]
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(effective_resolution, "of_windows", remembered)
-        yield
+    patch.setattr(effective_resolution, "of_windows", remembered)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def rasters_opened_here() -> Iterator[None]:
+def _rasters_opened_here(patch: pytest.MonkeyPatch) -> None:
     """A raster that is no plain GeoTIFF is opened without the process of its own before, which shows whether GDAL waits
     for the writer of a pipe and takes 0.2 s for each new file. Tests of pipes ask for `rasters_apart`.
     """
     from lcp_catalog.dem import raster_files
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(raster_files, "call_apart", lambda function, name, seconds: None)
-        yield
+    patch.setattr(raster_files, "call_apart", lambda function, name, seconds: None)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def start_measured_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _start_measured_once(patch: pytest.MonkeyPatch, folder: Path) -> None:
     """What a build takes beside its areas, for which a small one is made in a process of its own (2 s of processor time), is
     measured once, with the first number of jobs that is asked for, by all workers of a parallel run together.
     """
     from lcp_catalog.production import estimate
     from lcp_catalog.tradeoff import knobs
 
-    start_of, folder = estimate.start_of, tmp_path_factory.getbasetemp()
+    start_of = estimate.start_of
     folder = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
     def remembered(level: Level, jobs: int) -> estimate.Start:
@@ -197,9 +185,20 @@ def start_measured_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[No
             aside.replace(known)
         return estimate.Start(**json.loads(known.read_text()))
 
+    for module in (estimate, knobs):
+        patch.setattr(module, "start_of", remembered)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def as_tests_want_it(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """The session's changes of the library, in one fixture: each of 7000 tests asks for all that are there."""
+    _one_thread_in_a_worker()
     with pytest.MonkeyPatch.context() as patch:
-        for module in (estimate, knobs):
-            patch.setattr(module, "start_of", remembered)
+        _silent(patch)
+        _checks_in_this_process(patch)
+        _resolution_of_equal_heights(patch)
+        _rasters_opened_here(patch)
+        _start_measured_once(patch, tmp_path_factory.getbasetemp())
         yield
 
 

@@ -13,7 +13,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -21,7 +20,7 @@ from helpers import navigable
 from helpers.catalogs import HADLEY
 from lcp_cli import main, messages
 from lcp_cli import progress as module
-from lcp_cli.progress import alive, duration_text, progress
+from lcp_cli.progress import _FIRST_S, alive, duration_text, progress
 
 from lcp_catalog import child_process
 from lcp_catalog.catalog.writing import write_catalog
@@ -29,9 +28,9 @@ from lcp_catalog.errors import DemError
 
 
 @pytest.fixture(autouse=True)
-def _silent(monkeypatch: pytest.MonkeyPatch) -> None:
+def _told(monkeypatch: pytest.MonkeyPatch) -> None:
     """Here tasks say how long they run, as for users."""
-    monkeypatch.setattr("lcp_cli.progress.alive", lambda name: nullcontext())
+    monkeypatch.setattr(module, "_FIRST_S", _FIRST_S)
 
 
 @pytest.fixture
