@@ -58,13 +58,10 @@ def scattered(seed, count, centre):
 def brute_select(lon, lat, usable, quality, spacing):
     ids = stable_id(lon, lat)
     order = sorted(range(len(lon)), key=lambda i: (-usable[i], -quality[i], ids[i], lon[i], lat[i]))
+    close = distance_m(lon[:, None], lat[:, None], lon, lat) < spacing
     chosen = []
     for i in order:
-        near = [
-            c
-            for c in chosen
-            if distance_m(lon[i], lat[i], lon[c], lat[c]) < spacing or ids[i] == ids[c]
-        ]
+        near = [c for c in chosen if close[i, c] or ids[i] == ids[c]]
         if usable[i] > 0 and not near:
             chosen.append(i)
     return sorted(chosen, key=lambda i: ids[i])
