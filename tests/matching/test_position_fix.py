@@ -70,7 +70,7 @@ def is_right(answer: Fix, points: Catalog, known: Camera) -> bool:
 @pytest.mark.parametrize(
     "camera",
     [
-        overhead(),
+        pytest.param(overhead(), marks=pytest.mark.slow),
         overhead(turns=(0.15, -0.1, 2.5)),
         overhead(pixel_m=200.0, size_px=360),
     ],

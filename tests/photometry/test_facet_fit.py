@@ -86,7 +86,7 @@ def test_recovered_from_noise(noise, limits):
         assert max(fit.errors_alone) < 1.3 * noise
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_no_worse_than_the_truth(seed):
     """The minimum error is not larger than that of the true parameters."""
     model = named_model("labunets-2019-table-3")
