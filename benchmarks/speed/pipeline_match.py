@@ -213,7 +213,8 @@ def expected(contrast: Any, rho: Any, noise: Any, along: Any, nodes: float) -> t
     """Mean and variance of a correlation in noise."""
     total = np.square(contrast) + noise
     mean = rho * contrast / np.sqrt(np.where(total > 0.0, total, 1.0))
-    variance = along / nodes / np.where(total > 0.0, total, 1.0) * (1.0 - mean**2)
+    safe = np.where(total > 0.0, total, 1.0)
+    variance = along / nodes / safe * (1.0 - mean**2 * (1.0 + 0.5 * noise / safe))
     return mean, np.maximum(variance, LEAST_VARIANCE)
 
 
@@ -224,7 +225,7 @@ def probabilities(
     there is high enough, (n,)."""
     rho = own * (1.0 - match.loss)
     some = np.isfinite(found.rivals).any(axis=0)
-    rivals = raised(match, found.rivals, found.contrast / level[:, None], rho)
+    rivals = raised(match, found.rivals, found.contrast / level[:, None], rho, spread)
     rivals = np.where(np.isnan(rivals), -99.0, rivals)[:, some]
     contrast = np.where(np.isnan(found.contrast), 1e9, found.contrast)[:, some] / level[:, None]
     bad = ~(match.contrast > 0.0) | ~np.isfinite(match.along)
@@ -249,19 +250,23 @@ def probabilities(
     return np.minimum(total[0], _on_top(match, found, level, own)) * settling(match), total[1]
 
 
-def raised(match: Match, rivals: np.ndarray, contrast: np.ndarray, rho: np.ndarray) -> np.ndarray:
+def raised(
+    match: Match, rivals: np.ndarray, contrast: np.ndarray, rho: np.ndarray, places: float
+) -> np.ndarray:
     """Rivals with what noise raises them more than the true place, (n, k)."""
     power = match.contrast**2 + match.noise
+    noise = match.slope_noise / (match.nodes * power)[:, None, None]
     known = np.isfinite(match.covariance).all(axis=(1, 2))
-    variance, axes = np.linalg.eigh(np.where(known[:, None, None], match.covariance, 0.0))
-    moved = (axes * np.clip(variance, 0.0, 2.5**2)[:, None]) @ axes.transpose(0, 2, 1)
-    both = moved @ match.slope_noise / (match.nodes * power)[:, None, None]
-    roots = np.sqrt(np.maximum(np.linalg.eigvals(both).real, 0.0))
+    roots = np.linalg.eigvals(np.where(known[:, None, None], match.covariance, 0.0) @ noise).real
+    moved = np.sqrt(np.maximum(roots, 0.0)).sum(axis=1) / math.exp(places**2)
+    slope = np.sqrt(0.5 * np.trace(noise, axis1=1, axis2=2))
     spread = np.sqrt(contrast**2 + match.noise[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
         true = (rho * match.contrast / np.sqrt(power))[:, None]
-        lower = np.clip(rivals * contrast / spread / true, 0.3, 1.0)
-        more = roots.sum(axis=1)[:, None] * (1.0 / lower - 1.0) * spread / contrast
+        steep = np.where(moved > 0.0, 0.7 * slope / (0.5 * moved), 0.0)[:, None]
+        height = np.clip(rivals * contrast / spread / true, 0.0, 1.0)
+        falls = np.exp(-steep * height) - np.exp(-steep)
+        more = 3.0 * (slope * np.sqrt(power))[:, None] * falls / contrast
         return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 

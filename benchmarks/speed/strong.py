@@ -208,7 +208,7 @@ def probabilities(
     rho, contrast = own * (1.0 - match.loss), found.contrast / level[:, None]
     _probabilities(
         match.contrast, match.noise, np.where(bad, 1.0, match.along), rho, match.nodes,
-        plain.raised(match, found.rivals, contrast, rho), contrast, np.exp(2.0 * spread * plain.QUADRATURE), plain.WEIGHTS,
+        plain.raised(match, found.rivals, contrast, rho, spread), contrast, np.exp(2.0 * spread * plain.QUADRATURE), plain.WEIGHTS,
         plain.STEPS, out,
     )  # fmt: skip
     out[:, bad] = 0.0
@@ -222,9 +222,9 @@ def _moments(
 ) -> tuple[float, float]:
     total = contrast * contrast + noise
     mean = rho * contrast / math.sqrt(total) if total > 0.0 else 0.0
-    return mean, math.sqrt(
-        max(along / nodes / max(total, 1e-30) * (1.0 - mean * mean), plain.LEAST_VARIANCE)
-    )
+    total = max(total, 1e-30)
+    left = 1.0 - mean * mean * (1.0 + 0.5 * noise / total)
+    return mean, math.sqrt(max(along / nodes / total * left, plain.LEAST_VARIANCE))
 
 
 @njit

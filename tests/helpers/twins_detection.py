@@ -167,22 +167,33 @@ def probability_among(
     contrast: Array,
     least: float = -1.0,
     clear_by: float = 0.0,
-    rise: float = 0.0,
+    slope: float = 0.0,
+    steep: float = 0.0,
 ) -> float:
     """P = integral over x >= least of N(x; e_0, v_0) prod_k Phi((x - e_k) / sqrt(v_k)), with the correlations and contrasts (k,)
-    of the rivals without noise: e = rho c / sqrt(c^2 + s^2), v = V / N / (c^2 + s^2) (1 - e^2), s^2 the variance of the noise
-    within a window. The rivals must be exceeded by ``clear_by`` joint sigmas. Noise raises the top at the true place by ``rise``,
-    and others by as much more as their e is less, at most 1 / 0.3 times, twice.
+    of the rivals without noise: e = rho c / sqrt(c^2 + s^2), v = V / N / (c^2 + s^2) (1 - e^2 (1 + u / 2)), u = s^2 / (c^2 + s^2),
+    s^2 the variance of the noise within a window. The rivals must be exceeded by ``clear_by`` joint sigmas. With ``slope`` g of
+    the noise at the true place noise raises tops (`further_rise`).
     """
     scores = _Scores.of(patch, sigma, length)
     e = scores.expected(np.append(1.0, rho), np.append(patch.std(), contrast))
-    e[1:] += 2.0 * rise * (e[0] / np.clip(e[1:], 0.3 * e[0], e[0]) - 1.0)
     power = scores.nodes * (np.append(patch.std(), contrast) ** 2 + scores.within)
-    spread = np.sqrt(scores.variance / power * (1.0 - e**2))
+    slopes = slope * np.sqrt(power[0] / power[1:])
+    e[1:] += further_rise(slopes, steep, e[1:] / e[0])
+    share = scores.nodes * scores.within / power
+    spread = np.sqrt(scores.variance / power * (1.0 - e**2 * (1.0 + share / 2.0)))
     x = e[0] + spread[0] * _STEPS
     needed = e[1:] + clear_by * np.hypot(spread[0], spread[1:])
     logs = log_ndtr((x[:, None] - needed) / spread[1:]).sum(axis=1)
     return _integral(np.where(x >= least, np.exp(logs), 0.0))
+
+
+def further_rise(slope: Array | float, steep: float, height: Array) -> Array:
+    """By how much more than the true place noise raises tops that are ``height`` times as high: 3 g exp(-0.7 t ``steep``) with the
+    ``slope`` g of the noise, for the height t less than for 1.
+    """
+    falls = np.exp(-0.7 * steep * np.clip(height, 0.0, 1.0)) - np.exp(-0.7 * steep)
+    return np.asarray(3.0 * slope * falls)
 
 
 def refined_probability(

@@ -162,7 +162,9 @@ def correlation_moments(
     total = np.square(contrast) + noise_variance
     safe = np.where(total > 0.0, total, 1.0)
     mean = np.where(total > 0.0, rho * contrast / np.sqrt(safe), 0.0)
-    return mean, np.maximum(along / nodes / safe * (1.0 - mean**2), 1e-12)
+    return mean, np.maximum(
+        along / nodes / safe * (1.0 - mean**2 * (1.0 + 0.5 * noise_variance / safe)), 1e-12
+    )
 
 
 def top_probability(

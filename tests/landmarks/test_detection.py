@@ -49,7 +49,8 @@ def moments(match: Registration, rho, contrast, factor=1.0):
     noise, along = (float(a[0]) * factor**2 for a in (match.noise_variance, match.along))
     total = np.asarray(contrast) ** 2 + noise
     mean = np.asarray(rho) * np.asarray(contrast) / np.sqrt(total)
-    return mean, np.sqrt(along / match.pixels[0] * (1.0 - mean**2) / total)
+    left = 1.0 - mean**2 * (1.0 + 0.5 * noise / total)
+    return mean, np.sqrt(along / match.pixels[0] * left / total)
 
 
 def drawn(match, rho, contrast, self_correlation, least, count=200_000):
@@ -61,9 +62,8 @@ def drawn(match, rho, contrast, self_correlation, least, count=200_000):
     def scores(r, c):
         total = c**2 + noise
         mean = r * c / np.sqrt(total)
-        return mean + np.sqrt(along / match.pixels[0] * (1.0 - mean**2) / total) * rng.normal(
-            size=count
-        )
+        left = 1.0 - mean**2 * (1.0 + 0.5 * noise / total)
+        return mean + np.sqrt(along / match.pixels[0] * left / total) * rng.normal(size=count)
 
     own = scores(self_correlation * (1.0 - match.shift_loss[0]), match.contrast[0])
     best = np.max([scores(r, c) for r, c in zip(rho, contrast, strict=True)], axis=0)
@@ -76,9 +76,9 @@ RHO, CONTRAST = np.array([[0.8, 0.5, -0.2, np.nan]]), np.array([[0.1, 0.3, 0.1, 
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 @pytest.mark.parametrize(("noise", "gain"), [(0.05, 10.0), (0.2, 2.0), (0.5, 1.0), (0.2, 30.0)])
 def test_probabilities_are_those_of_the_stated_model(noise, gain, spread):
-    """Three standard errors of the draws are 0.0034."""
+    """Three standard errors of the draws are 0.0034. A quadrature so fine that its own error is below that."""
     match = case(noise=noise, gain=gain, spread=spread, loss=0.02)
-    found = detection_probability(match, RHO, CONTRAST, 0.97, 0.35)
+    found = detection_probability(match, RHO, CONTRAST, 0.97, 0.35, spread_nodes=25)
     expected = drawn(match, RHO[0, :3], CONTRAST[0, :3], 0.97, 0.35)
     np.testing.assert_allclose(np.ravel(found), expected, atol=0.006)
     assert found[0] <= min(found[1], found[2])
@@ -155,9 +155,7 @@ def smooth_noise(rng, count, size, length):
 @pytest.mark.slow
 @pytest.mark.parametrize("length", [0.0, 1.5])
 def test_moments_are_those_of_correlations_in_noise(length):
-    """Of a window that resembles the patch by 0.5; 1000 images; means within 0.01, deviations within 15 %.
-    The formula's variance leaves out the noise that changes the window's own power.
-    """
+    """Of the patch and of a window that resembles it by 0.5; 1000 images."""
     rng = np.random.default_rng(1)
     patch, other = smooth_noise(rng, 2, 17, 2.0) * 0.1
     patch, other = (a - a.mean() for a in (patch, other))
@@ -173,8 +171,8 @@ def test_moments_are_those_of_correlations_in_noise(length):
             within = (noise - noise.mean(axis=(1, 2), keepdims=True)).var(axis=(1, 2)).mean()
             along = (noise.reshape(1000, -1) @ unit).var()
             mean, variance = kernel.moments(window.std(), rho, within, along, 289)
-            assert mean == pytest.approx(scores.mean(), abs=0.015)
-            assert np.sqrt(variance) == pytest.approx(scores.std(), rel=0.45)
+            assert mean == pytest.approx(scores.mean(), abs=0.01)
+            assert np.sqrt(variance) == pytest.approx(scores.std(), rel=0.1)
 
 
 def test_moments_are_those_of_the_formula():

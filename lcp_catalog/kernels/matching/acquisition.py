@@ -27,6 +27,8 @@ below 1.1e-8; 64 such rivals change a result by less than 1e-6.
 _SURE = np.float32(6.0)
 """A normal variable is above this with a probability of 1e-9, which is left out."""
 _LEAST_VARIANCE = 1e-12
+_SMOOTHER = 0.5
+"""1 - k for the varying power of the noise in a window (`landmarks.detection`): k is 1/2 if the noise is as rough as the patch."""
 _PARTS = 8
 """Parts of the patches, for threads; those of a part share work arrays."""
 
@@ -40,7 +42,8 @@ def moments(contrast, rho, noise, along, nodes):
     if not total > 0.0:
         return 0.0, _LEAST_VARIANCE
     mean = rho * contrast / math.sqrt(total)
-    return mean, max(along / nodes / total * (1.0 - mean * mean), _LEAST_VARIANCE)
+    left = 1.0 - mean * mean * (1.0 + _SMOOTHER * noise / total)
+    return mean, max(along / nodes / total * left, _LEAST_VARIANCE)
 
 
 @njit(nogil=True, error_model="numpy")
@@ -94,7 +97,7 @@ def _moments_of_all(signals, powers, noise, along, count, means, variances):
         total_ = powers[j] + noise
         total_ = total_ if total_ > 0.0 else 1.0
         mean = signals[j] / math.sqrt(total_)
-        variance = along / total_ * (1.0 - mean * mean)
+        variance = along / total_ * (1.0 - mean * mean * (1.0 + _SMOOTHER * noise / total_))
         means[j], variances[j] = mean, max(variance, _LEAST_VARIANCE)
 
 
