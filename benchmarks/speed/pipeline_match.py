@@ -212,9 +212,9 @@ def registered(
 def expected(contrast: Any, rho: Any, noise: Any, along: Any, nodes: float) -> tuple[Any, Any]:
     """Mean and variance of a correlation in noise."""
     total = np.square(contrast) + noise
-    mean = rho * contrast / np.sqrt(np.where(total > 0.0, total, 1.0))
-    safe = np.where(total > 0.0, total, 1.0)
-    variance = along / nodes / safe * (1.0 - mean**2 * (1.0 + 0.5 * noise / safe))
+    total = np.where(total > 0.0, total, 1.0)
+    mean = rho * contrast / np.sqrt(total)
+    variance = along / nodes / total * (1.0 - mean**2 * (1.0 + 0.5 * noise / total))
     return mean, np.maximum(variance, LEAST_VARIANCE)
 
 
@@ -258,15 +258,15 @@ def raised(
     noise = match.slope_noise / (match.nodes * power)[:, None, None]
     known = np.isfinite(match.covariance).all(axis=(1, 2))
     roots = np.linalg.eigvals(np.where(known[:, None, None], match.covariance, 0.0) @ noise).real
-    moved = np.sqrt(np.maximum(roots, 0.0)).sum(axis=1) / math.exp(places**2)
-    slope = np.sqrt(0.5 * np.trace(noise, axis1=1, axis2=2))
+    moved = np.sqrt(np.maximum(roots, 0.0)).sum(axis=1, keepdims=True) / math.exp(places**2)
+    slope = np.sqrt(0.5 * np.trace(noise, axis1=1, axis2=2))[:, None]
     spread = np.sqrt(contrast**2 + match.noise[:, None])
+    true = (rho * match.contrast / np.sqrt(power))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        true = (rho * match.contrast / np.sqrt(power))[:, None]
-        steep = np.where(moved > 0.0, 0.7 * slope / (0.5 * moved), 0.0)[:, None]
+        steep = np.where(moved > 0.0, 1.4 * slope / moved, 0.0)
         height = np.clip(rivals * contrast / spread / true, 0.0, 1.0)
         falls = np.exp(-steep * height) - np.exp(-steep)
-        more = 3.0 * (slope * np.sqrt(power))[:, None] * falls / contrast
+        more = 3.0 * slope * np.sqrt(power)[:, None] * falls / contrast
         return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 

@@ -220,9 +220,8 @@ def probabilities(
 def _moments(
     contrast: float, rho: float, noise: float, along: float, nodes: float
 ) -> tuple[float, float]:
-    total = contrast * contrast + noise
-    mean = rho * contrast / math.sqrt(total) if total > 0.0 else 0.0
-    total = max(total, 1e-30)
+    total = max(contrast * contrast + noise, 1e-30)
+    mean = rho * contrast / math.sqrt(total)
     left = 1.0 - mean * mean * (1.0 + 0.5 * noise / total)
     return mean, math.sqrt(max(along / nodes / total * left, plain.LEAST_VARIANCE))
 

@@ -226,7 +226,7 @@ class DemSet:
                 for other in self.layers
                 if other is not layer
                 and other.pixel_m >= layer.pixel_m
-                and _boxes_overlap(layer, other)
+                and any(a.grid.bounds.meets(b.grid.bounds) for a in layer.dems for b in other.dems)
             ]
             wanted = BAND_PX * min(below, default=layer.pixel_m)
             found.append(min(wanted, BAND_SHARE * layer.smaller_side_m))
@@ -384,10 +384,6 @@ def _is_meant(dem: Dem, name: str) -> bool:
     """
     files = {text.upper() for path in (dem.path, *dem.files) for text in (path.name, path.stem)}
     return is_called(dem.product, name) or name.upper() in files
-
-
-def _boxes_overlap(one: Layer[Dem], other: Layer[Dem]) -> bool:
-    return any(a.grid.bounds.meets(b.grid.bounds) for a in one.dems for b in other.dems)
 
 
 _GAP_PX = 4000

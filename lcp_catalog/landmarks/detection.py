@@ -129,11 +129,14 @@ def slope_of_noise(match: Registration) -> tuple[Array, Array]:
     return slope, np.where(np.isfinite(steep), steep, 0.0)
 
 
-def _rise(height: Array, slope: Array, steep: Array) -> Array:
-    """By how much more than the true place noise raises tops of ``height`` (n, k) times as high, in correlation (n, k)."""
+def _rise(match: Registration, height: Array, contrast: Array) -> Array:
+    """By how much more than the true place noise raises tops that are ``height`` (n, k) times as high, in noise-free correlation
+    (n, k) of windows with a ``contrast`` (n, k).
+    """
+    slope, steep = slope_of_noise(match)
     steep = _SHARPNESS * steep[:, None]
-    low = np.exp(-steep * np.clip(height, 0.0, 1.0)) - np.exp(-steep)
-    return np.asarray(_REACH_PX * slope[:, None] * low)
+    falls = np.exp(-steep * np.clip(height, 0.0, 1.0)) - np.exp(-steep)
+    return np.asarray(_REACH_PX * (slope * np.sqrt(_power(match)))[:, None] * falls / contrast)
 
 
 def _power(match: Registration) -> Array:
@@ -144,11 +147,9 @@ def _power(match: Registration) -> Array:
 def _raised(match: Registration, rivals: Array, contrast: Array, rho: Array) -> Array:
     """Noise-free correlations (n, k) of rivals whose means e_k include by how much more noise raises them than the true place."""
     spread = np.sqrt(contrast**2 + match.noise_variance[:, None])
-    power = np.sqrt(_power(match))
-    slope, steep = slope_of_noise(match)
+    true = (rho * match.contrast / np.sqrt(_power(match)))[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
-        height = rivals * contrast / spread / (rho * match.contrast / power)[:, None]
-        more = _rise(height, slope * power, steep) / contrast
+        more = _rise(match, rivals * contrast / spread / true, contrast)
         return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
 
 
@@ -211,14 +212,12 @@ def least_rival(
         match.contrast, match.noise_variance, match.along / match.pixels, rho, 1,
         np.exp(match.spread * nodes), _CLEAR + clear_by, out,
     )  # fmt: skip
-    half = 0.5 * match.contrast  # the least contrast of the others, which noise raises most
-    power, (slope, steep) = np.sqrt(_power(match)), slope_of_noise(match)
+    half = 0.5 * match.contrast[:, None]  # the least of the others, which noise raises most
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = half / np.sqrt(half**2 + match.noise_variance) / (rho * match.contrast / power)
-        least = out - _rise(np.zeros((len(out), 1)), slope * power, steep)[:, 0] / half
-        more = (
-            _rise((least * share)[:, None], slope * power, steep)[:, 0] / half
-        )  # lower places rise more
+        share = half / np.sqrt(half**2 + match.noise_variance[:, None])
+        share /= (rho * match.contrast / np.sqrt(_power(match)))[:, None]
+        lowest = out[:, None] - _rise(match, 0.0 * share, half)
+        more = _rise(match, lowest * share, half)[:, 0]  # lower places rise more
         return np.where(np.isfinite(more), out - more, out)
 
 

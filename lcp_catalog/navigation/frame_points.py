@@ -119,7 +119,7 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
     height = np.concatenate([*heights, np.zeros(0)])
     claims = predict(catalog, rows, sun, view, sizes, height, factor)
     for one, part in zip(seen, parts, strict=True):
-        own = _part(claims, part)
+        own = Prediction(**{name: values[part] for name, values in vars(claims).items()})
         cause, usable = own.cause.copy(), np.flatnonzero(own.usable)
         whole = _shown_whole(catalog, one, rotation[part])
         cut = ~whole[usable]
@@ -130,10 +130,6 @@ def _with_claims(catalog: Catalog, seen: list[_Seen]) -> Iterator[FramePoints]:
         yield FramePoints(
             one.frame, one.rows, one.pixel, one.pixel_m, rotation[part], own, factor[part], whole
         )
-
-
-def _part(claims: Prediction, part: slice) -> Prediction:
-    return Prediction(**{name: values[part] for name, values in vars(claims).items()})
 
 
 def _shown_whole(catalog: Catalog, seen: _Seen, rotation: Array) -> Mask:

@@ -6,7 +6,7 @@ The files that a build reads, which must stay the same while it runs.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -200,7 +200,8 @@ def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
     lost = [cell_m for cell_m in wanted if cell_m not in found]
     if lost:
         finest = min((finest_cell(dem) for dem in near), key=lambda c: c.gsd_m)
-        text = f"{_listed(lost)}: no DEM of the region resolves such cells; the finest are {finest.gsd_m:.5g} m, {finest.reason}"
+        cells = ", ".join(f"{cell:.5g}" for cell in lost)
+        text = f"{cells} m: no DEM of the region resolves such cells; the finest are {finest.gsd_m:.5g} m, {finest.reason}"
         if area.levels_m or not found:
             raise AreaError(f"levels of {text}")
         log.warning("levels left out: %s", text)
@@ -216,10 +217,6 @@ def _require_coarse(cell_m: float, dems: DemSet, region: Area) -> None:
             f"`area.gsd_m` of {cell_m:g} m: the pixels of the DEM are {min(pixels_m) / cell_m:.0f} times as large "
             f"({min(pixels_m):.4g} m), and finer cells hold nothing more; leave it out, or give a finer DEM"
         )
-
-
-def _listed(cells_m: Sequence[float]) -> str:
-    return ", ".join(f"{cell:.5g}" for cell in cells_m) + " m"
 
 
 def _albedo_map(model: ModelConfig) -> AlbedoMap | None:
