@@ -331,14 +331,14 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     Approximation(
         "tops that noise raises",
         Figure(0.51, "", "a probability, 4 in place of 3 pixels' slope of the noise", MEASURED),
-        "other peaks rise by 3 g exp(-0.7 t g / G) less what the true one rises: off by 0.015 of a correlation (rms, 599 peaks in 60 draws of noise each, on two grounds not used for the fit; mean rise 0.034). 2 or 4 in place of 3 change 0.72 or 0.66 % of the usable conditions, 0.51 of a probability at most; 0.5 or 1 in place of 0.7 0.13 or 0.38 %, 0.15 at most (9 areas of the sample, 152dd163, 2026-11-30)",
+        "other peaks rise by 3 g exp(-0.7 t g / G) less what the true one rises: off by 0.015 of a correlation (rms, 599 peaks in 60 draws of noise each, on two grounds not used for the fit; mean rise 0.034). 2 or 4 in place of 3 change 0.72 or 0.66 % of the usable conditions, 0.51 of a probability at most; 0.5 or 1 in place of 0.7 0.13 or 0.38 %, 0.15 at most (9 areas of the sample, 7178760c, 2026-11-30)",
         constants=("landmarks.detection.slope_of_noise", "landmarks.detection._REACH_PX", "landmarks.detection._SHARPNESS"),
         unpriced="no switch: part of every claim", price="none beside a claim; without it 2.1 % of the usable conditions are others, 0.95 of a probability at most",
     ),
     Approximation(
         "noise as rough as the patch",
         Figure(1.11, "", "times the stated standard deviation of a correlation", MEASURED),
-        "the noise in a window has the patch's spectrum (k = 1/2): correlations at the true place scatter by 0.78 to 1.01 times the stated, in one of 16 cases by 1.11 (searches on clones of three DEMs, Suns of 10 to 65 deg; with k = 1 0.65 to 0.94); in noise of 4 cells on relief of 1.7 by up to 1.5 (made ground). k = 1 or 1/4 change 2.2 or 1.3 % of the usable conditions, 0.17 of a probability at most (9 areas of the sample, 152dd163, 2026-11-30)",
+        "the noise in a window has the patch's spectrum (k = 1/2): correlations at the true place scatter by 0.78 to 1.01 times the stated, in one of 16 cases by 1.11 (searches on clones of three DEMs, Suns of 10 to 65 deg; with k = 1 0.65 to 0.94); in noise of 4 cells on relief of 1.7 by up to 1.5 (made ground). k = 1 or 1/4 change 2.2 or 1.3 % of the usable conditions, 0.17 of a probability at most (9 areas of the sample, 7178760c, 2026-11-30)",
         constants=("kernels.matching.acquisition._SMOOTHER",), unpriced="no switch: part of every claim", price="none",
     ),
     Approximation(
