@@ -97,8 +97,8 @@ class Made:
 
     def least(self, suns: int, conditions: Index | None = None) -> tuple[Bytes, Mask]:
         """(candidate, place, condition): the least percents at random Suns that stand in a cell at the place, 255 where none
-        does, nor beside the ``conditions`` that are asked for; and whether they are far from the ends of the claims at the
-        candidate.
+        does, farther apart than the radius, and beside the ``conditions`` that are asked for; and whether they are far from
+        the ends of the claims at the candidate.
         """
         rng = np.random.default_rng(6)
         high, wide = self.grid.shape[0] - 1, self.grid.shape[1]
@@ -118,7 +118,8 @@ class Made:
             cell = row * wide + (azimuth[some] / (360.0 / wide)).astype(np.int64)
             some = np.flatnonzero(some)[asked[:, cell].any(axis=0)]
             cell = cell[asked[:, cell].any(axis=0)]
-            for i in range(CANDIDATES):
+            away = arcs_m(self.places[0][p], self.places[1][p], *self.sites)
+            for i in np.flatnonzero(away <= self.radius_m):
                 at = angles(self.sites[0][i], self.sites[1][i], sun[0][some], sun[1][some])
                 # half a step beyond them, 2.5 deg at most, those of the end hold
                 low, high = self.elevations[[0, -1]]
