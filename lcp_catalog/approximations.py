@@ -337,8 +337,8 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
     ),
     Approximation(
         "noise as rough as the patch",
-        Figure(1.11, "", "times the stated standard deviation of a correlation", MEASURED),
-        "the noise in a window has the patch's spectrum (k = 1/2): correlations at the true place scatter by 0.78 to 1.01 times the stated, in one of 16 cases by 1.11 (searches on clones of three DEMs, Suns of 10 to 65 deg; with k = 1 0.65 to 0.94); in noise of 4 cells on relief of 1.7 by up to 1.5 (made ground). k = 1 or 1/4 change 2.2 or 1.3 % of the usable conditions, 0.17 of a probability at most (9 areas of the sample, 7178760c, 2026-11-30)",
+        Figure(1.6, "", "times the stated standard deviation of a correlation, in noise much smoother than the relief", MEASURED),
+        "the noise in a window has the patch's spectrum (k = 1/2): correlations at the true place scatter by 0.78 to 1.01 times the stated, in one of 16 cases by 1.11 (searches on clones of three DEMs, Suns of 10 to 65 deg; with k = 1 0.65 to 0.94); on made relief of 1.7 cells in noise of 4 cells by up to 1.6, of 6 cells 2.9. k = 1 or 1/4 change 2.2 or 1.3 % of the usable conditions, 0.17 of a probability at most (9 areas of the sample, 7178760c, 2026-11-30)",
         constants=("kernels.matching.acquisition._SMOOTHER",), unpriced="no switch: part of every claim", price="none",
     ),
     Approximation(

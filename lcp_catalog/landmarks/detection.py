@@ -263,7 +263,7 @@ def mistake_probability(
     is 1 - r^2. With the correlation ``neighbours`` (n,) of neighbouring residuals a Gaussian
     autocorrelation has the value neighbours^(d^2) at d pixels; V / s^2 follows from it and the
     template's autocorrelation, and the difference of the two correlations has the variance v_0 +
-    v_1 (see the module). ``prior`` (n,): probability that the true place has the highest
+    v_1 with k = 1 (see the module). ``prior`` (n,): probability that the true place has the highest
     correlation, before the search (Bayes' rule). templates, masks (n, rows, cols).
     """
     from scipy.special import ndtr
