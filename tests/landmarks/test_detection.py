@@ -224,26 +224,60 @@ def random_cases(rng, n: int, spread: float) -> tuple[Registration, np.ndarray]:
     return dataclasses.replace(match, covariance_px2=moved @ moved.transpose(0, 2, 1)), own
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("spread", [0.0, 0.3])
-@pytest.mark.parametrize("contrasts", [(0.5, 1.0), (0.5, 10.0), (5.0, 1000.0)])
-def test_rivals_below_the_least_one_change_no_probability(contrasts, spread):
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("contrasts", "spread", "clear_by"),
+    [
+        ((0.5, 1.0), 0.0, 0.17),
+        pytest.param((0.5, 1.0), 0.3, 0.0, marks=SLOW),
+        pytest.param((0.5, 10.0), 0.0, 0.0, marks=SLOW),
+        pytest.param((0.5, 10.0), 0.3, 0.17, marks=SLOW),
+        pytest.param((5.0, 1000.0), 0.0, 0.17, marks=SLOW),
+        pytest.param((5.0, 1000.0), 0.3, 0.0, marks=SLOW),
+    ],
+)
+def test_rivals_below_the_least_one_change_no_probability(contrasts, spread, clear_by):
     """All of 64 rivals, and one just below it."""
     rng = np.random.default_rng(1)
     match, own = random_cases(rng, 3000, spread)
-    least = least_rival(match, own)[:, None]
+
+    def detected(rivals, there):
+        return detection_probability(match, rivals, there, own, clear_by=clear_by)
+
+    least = least_rival(match, own, clear_by)[:, None]
     rho = rng.uniform(-0.5, 1.0, (3000, 64)) * rng.uniform(0.0, 1.0, (3000, 1))
     contrast = match.contrast[:, None] * np.exp(rng.uniform(*np.log(contrasts), rho.shape))
     below = rho < least
     assert 0.1 < below.mean() < 0.9
-    whole = np.array(detection_probability(match, rho, contrast, own))
+    whole = np.array(detected(rho, contrast))
     assert np.mean((whole[2] > 0.05) & (whole[2] < 0.95)) > 0.2
-    rest = detection_probability(match, np.where(below, np.nan, rho), contrast, own)
+    rest = detected(np.where(below, np.nan, rho), contrast)
     np.testing.assert_allclose(rest, whole, atol=1e-4)
     just, one = np.where((least > -1.0) & (least <= 1.0), least - 1e-6, np.nan), contrast[:, :1]
     assert np.isfinite(just).mean() > 0.3
-    alone = detection_probability(match, np.full_like(just, np.nan), one, own)
-    np.testing.assert_allclose(detection_probability(match, just, one, own), alone, atol=1e-5)
+    alone = detected(np.full_like(just, np.nan), one)
+    np.testing.assert_allclose(detected(just, one), alone, atol=1e-5)
+
+
+@pytest.mark.parametrize("rho", [-0.2, 0.05, 0.15, 0.5, 0.9])
+def test_noise_raises_low_tops_most(rho):
+    """One rival, of the true place's height times rho; a slope of the noise of 0.05 and a peak that it raises by 0.025."""
+    match = case(contrast=0.1, noise=0.2, gain=10.0)
+    power = 0.1**2 + 0.2**2
+    match = dataclasses.replace(
+        match,
+        slope_noise=np.eye(2)[None] * 0.05**2 * power * NODES,
+        covariance_px2=np.eye(2)[None] * 0.5**2,
+    )
+    found = detection_probability(match, np.array([[rho]]), np.array([[0.1]]), 1.0, -1.0)[0][0]
+    mean, sigma = moments(match, 1.0, 0.1)
+    steep = 0.7 * 0.05 / 0.025
+    rise = 3.0 * 0.05 * (np.exp(-steep * max(rho, 0.0)) - np.exp(-steep))
+    other, theirs = moments(match, rho + rise * np.sqrt(power) / 0.1, 0.1)
+    assert found == pytest.approx(norm.cdf((mean - other) / np.hypot(sigma, theirs)), abs=2e-4)
+    assert 0.4 < found < 0.995
 
 
 def test_the_least_rival_is_not_far_below_those_that_matter():
