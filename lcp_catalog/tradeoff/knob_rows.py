@@ -160,14 +160,14 @@ of 21 simulated populations, from 2 to 32 areas; how far it does of others: docs
 def changed_interval(by_area: Array, left: int, others: bool = False) -> list[float] | None:
     """The 90 % interval of the share of all judged conditions that change, of the changed and the judged ones of each area
     (n, 2) and the number of areas that were not measured; ``others``: of that of as many other areas of such ground; None for
-    one area.
+    one area and for none.
 
     Below it is `ratio_interval`, above that by the logarithm: few areas have many of the changes, so that groups of areas
     without them state too little. Nor does it end below the share with that of areas like none seen, as many as may be unseen
     (`unseen_areas`), each with `UNSEEN_CHANGE`: one rule for none that changes, one, or all.
     """
     count = len(by_area)
-    around = ratio_interval(by_area, math.sqrt(2.0 if others else left / (count + left)))
+    around = ratio_interval(by_area, math.sqrt(2.0 if others else left / max(1, count + left)))
     if around is None:
         return None
     share = float(np.divide(*by_area.sum(axis=0)))

@@ -106,6 +106,7 @@ def test_where_no_area_changes_few_may_unseen(areas: int, others: bool) -> None:
     low, high = knob_rows.changed_interval(one, 67 - areas, others) or (1.0, 1.0)
     assert (low, high) == (0.0, pytest.approx(found[1], abs=1.01e-3 / areas))
     assert knob_rows.changed_interval(none[:1], 66) is None
+    assert knob_rows.changed_interval(none[:0], 0) is None  # no area has a candidate
 
 
 def test_all_areas_tell_their_share() -> None:
