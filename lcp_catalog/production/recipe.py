@@ -200,8 +200,8 @@ def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
     lost = [cell_m for cell_m in wanted if cell_m not in found]
     if lost:
         finest = min((finest_cell(dem) for dem in near), key=lambda c: c.gsd_m)
-        cells = ", ".join(f"{cell:.5g}" for cell in lost)
-        text = f"{cells} m: no DEM of the region resolves such cells; the finest are {finest.gsd_m:.5g} m, {finest.reason}"
+        sizes = ", ".join(f"{cell_m:.5g}" for cell_m in lost)
+        text = f"{sizes} m: no DEM of the region resolves such cells; the finest are {finest.gsd_m:.5g} m, {finest.reason}"
         if area.levels_m or not found:
             raise AreaError(f"levels of {text}")
         log.warning("levels left out: %s", text)

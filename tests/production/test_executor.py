@@ -190,7 +190,6 @@ def test_a_killed_server_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> Non
             os.kill(second, signal.SIGKILL)
         found[index] = result
     assert found == {0: 4, 1: 9, 2: 16, 3: 25}
-    executor.start_early()
     executor.stop_early()  # the next tests' workers are forked from one that imports all
 
 
