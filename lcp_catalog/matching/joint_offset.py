@@ -8,15 +8,15 @@ the maximum of the mean of z = artanh(correlation), found again with the correct
 is stable. Its covariance is that of resampled points (bootstrap, Efron 1979), divided by the share
 of them that is independent.
 
-Terrain under a wrong Sun can be significant, too, some pixels off. So the stated Sun is compared
-with others all around (`sun_check`).
+Brightness that the albedo map knows is significant under a wrong Sun, too, some pixels off. So the stated Sun is compared with
+near and with far ones (`sun_check`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,6 @@ from ..landmarks.ground_votes import (
 )
 from ..landmarks.located import GATE, SIGNIFICANT
 from ..photometry.laws import Reflectance
-from . import sun_check
 from .common_errors import map_sigma_m, shadow_shift_px
 from .consensus import widened
 from .point_choice import likeliest
@@ -42,22 +41,10 @@ from .point_search import SearchImage
 from .pose import Pose, jacobian, solve
 from .search_area import CoarseShift, SearchArea, coarse_shift, correlation_maps, slack_px
 from .subpixel import peaks
-from .sun_check import Search, SunCheck, check_sun
+from .sun_check import FAR_TURNS_DEG, TURNS_DEG, Search, SunCheck, check_sun, near_or_far
 
 SHOWS = -3.0
 """log10 of the number of false alarms from which on an image counts as one of another place."""
-
-TURNS_DEG = (
-    *sun_check.TURNS_DEG,
-    (-45.0, 0.0),
-    (45.0, 0.0),
-    (-90.0, 0.0),
-    (90.0, 0.0),
-    (180.0, 0.0),
-)
-"""Suns that are tried: also distant ones, because points that are found only together can agree
-under any of them.
-"""
 
 _CHUNK = 64
 _NEAR_PX = 6
@@ -327,7 +314,8 @@ class _JointSearch:
 
             return search
 
-        return check_sun(search_for, self.catalog, rows, image, self.model, self.share)
+        checked = partial(check_sun, search_for, self.catalog, rows, image, self.model, self.share)
+        return near_or_far(checked(TURNS_DEG), lambda: checked(FAR_TURNS_DEG))
 
 
 def _whole_middle(z: Array) -> NDArray[np.bool_]:

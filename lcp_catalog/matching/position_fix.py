@@ -46,7 +46,7 @@ from .point_choice import (
 from .point_search import Criteria, SearchImage, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
-from .sun_check import FAR_TURNS_DEG, TURNS_DEG, MatchedPoints, SunCheck
+from .sun_check import FAR_TURNS_DEG, TURNS_DEG, MatchedPoints, SunCheck, near_or_far
 
 LEAST_USABLE = 6
 """Least number of points that agree, without those that are known not to be usable, from which a pose
@@ -530,10 +530,9 @@ class _FixSearch:
         near = None if self.options.whole_sun_check else own_points.glance(share)
         if near is None:
             near = checked(self.options.sun_reach_px, TURNS_DEG)
-        if not near.fits or matches.found.sum() > _FEW * np.isin(matches.code, SEARCHED).sum():
+        if matches.found.sum() > _FEW * np.isin(matches.code, SEARCHED).sum():
             return near
-        far = checked(self.options.second_reach_px, FAR_TURNS_DEG)
-        return near if far.fits else far
+        return near_or_far(near, lambda: checked(self.options.second_reach_px, FAR_TURNS_DEG))
 
 
 def corrected(image: Image, pose: Pose) -> Image:

@@ -13,6 +13,7 @@ from helpers import apollo_maps as maps
 
 from lcp_catalog.matching.fix import BY_POINTS, LOCATED
 from lcp_catalog.matching.position_fix import locate
+from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.photometry.laws import reflectance_model
 
 LAW = reflectance_model("lunar-lambert")
@@ -36,3 +37,13 @@ def test_maps_under_a_high_sun(shared_data: Path, tmp_path: Path) -> None:
             wrong = locate(catalog, image, maps.UNCERTAIN, LAW)
             assert wrong.pose is None
             assert wrong.by == BY_POINTS
+        for turn_deg in (
+            120.0,
+            150.0,
+            -150.0,
+            180.0,
+        ):  # the map's brightness shows a place some cells off
+            wrong = locate(
+                catalog, with_sun(photo, maps.middle(photo), turn_deg, 0.0), maps.UNCERTAIN, LAW
+            )
+            assert wrong.pose is None

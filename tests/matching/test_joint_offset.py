@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import small_world
 from helpers.posed import PlainMap
 from helpers.small_world import LAW, World, mirrored, overhead
+from helpers.suns import light
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
@@ -25,7 +27,7 @@ from lcp_catalog.matching.matches import SEARCHED
 from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import Options, locate
 from lcp_catalog.matching.search_area import CoarseShift, SearchArea, coarse_shift
-from lcp_catalog.matching.sun_check import with_sun
+from lcp_catalog.matching.sun_check import SunCheck, with_sun
 from lcp_catalog.matching.templates import render_patches
 
 MOVED_M = (700.0, -1300.0)
@@ -319,6 +321,21 @@ def test_under_a_wrong_sun_it_is_not_taken(turn: float) -> None:
     assert found.pose is None
     assert abs(turn) > 45.0 or "the stated Sun does not fit" in found.reason
     assert under_its_own_sun().pose is not None
+
+
+@pytest.mark.parametrize("far_fits", [True, False])
+def test_all_points_are_held_against_far_suns(
+    monkeypatch: pytest.MonkeyPatch, far_fits: bool
+) -> None:
+    """Brightness that a map knows shows a place under any Sun (test_apollo_maps)."""
+
+    def check(*how: Any) -> SunCheck:
+        return replace(light(0.6), turns_deg=how[-1], shifts_px=(0.05 if far_fits else 0.2,) * 4)
+
+    monkeypatch.setattr(joint_offset, "check_sun", check)
+    found = together(believed(faint(clear(), 0)))
+    assert (found.pose is not None) == far_fits
+    assert ("turned by -90 deg" in found.reason) != far_fits
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from lcp_catalog.matching.sun_check import (
     MatchedPoints,
     SunCheck,
     best_turn,
+    near_or_far,
     with_sun,
 )
 
@@ -56,6 +57,20 @@ def test_half_of_the_points_under_a_far_sun_refuse_the_stated_one(share: float, 
     assert near.fits
     assert far.fits == fits
     assert ("12 points correlate better under one turned by -90 deg" in far.complaint) != fits
+
+
+@pytest.mark.parametrize(("shift", "fits"), [(0.05, True), (0.15, False), (0.0, False)])
+def test_a_far_sun_that_moves_no_match_refuses_nothing(shift: float, fits: bool) -> None:
+    """The position is the same under both; 0: nothing is known of the matches' places."""
+    far = replace(light(0.6), turns_deg=FAR_TURNS_DEG)
+    assert replace(far, shifts_px=(shift,) * len(far.shifts_px)).fits == fits
+
+
+def test_far_suns_are_asked_where_near_ones_fit() -> None:
+    near, refused = light(0.1), light(0.95)
+    assert near_or_far(near, lambda: refused) is refused
+    assert near_or_far(near, lambda: light(0.2)) is near
+    assert near_or_far(refused, lambda: pytest.fail("the near ones refuse")) is refused
 
 
 @pytest.mark.parametrize(
