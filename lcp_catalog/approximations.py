@@ -332,7 +332,7 @@ APPROXIMATIONS: tuple[Approximation, ...] = (
         "tops that noise raises",
         Figure(0.51, "", "a probability, 4 in place of 3 pixels' slope of the noise", MEASURED),
         "other peaks rise by 3 g exp(-0.7 t g / G) less what the true one rises: off by 0.015 of a correlation (rms, 599 peaks in 60 draws of noise each, on two grounds not used for the fit; mean rise 0.034). 2 or 4 in place of 3 change 0.72 or 0.66 % of the usable conditions, 0.51 of a probability at most; 0.5 or 1 in place of 0.7 0.13 or 0.38 %, 0.15 at most (9 areas of the sample, 7178760c, 2026-11-30)",
-        constants=("landmarks.detection.slope_of_noise", "landmarks.detection._REACH_PX", "landmarks.detection._SHARPNESS"),
+        constants=("kernels.matching.acquisition.slope_of_noise", "kernels.matching.acquisition.REACH_PX", "kernels.matching.acquisition.SHARPNESS"),
         unpriced="no switch: part of every claim", price="none beside a claim; without it 2.1 % of the usable conditions are others, 0.95 of a probability at most",
     ),
     Approximation(

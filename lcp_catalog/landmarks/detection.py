@@ -26,8 +26,8 @@ above 0.8 as its prior refuses nothing that P does not, so it finds such a point
 Noise also raises the top of a peak, the more the lower and flatter it is. With the score falling by d^T A d / 2 around a place and
 a gradient of the noise there with the covariance N, g^2 = tr(N) / 2, the top would be higher by G = tr(A^-1 N) / 2 = tr((Sigma
 N)^(1/2)) / 2 in the mean if the noise had no other slope farther off (Sigma = A^-1 N A^-1: the covariance of a match). The
-highest pixel rises by 3 g exp(-0.7 t g / G), where a peak t times as high as the true one is as much flatter (`_REACH_PX`,
-`_SHARPNESS`, fitted to draws). e_k grows by how much more that is than for t = 1, t = e_k / e_0.
+highest pixel rises by 3 g exp(-0.7 t g / G), where a peak t times as high as the true one is as much flatter (`REACH_PX`,
+`SHARPNESS`, fitted to draws). e_k grows by how much more that is than for t = 1, t = e_k / e_0.
 
 Noise can also move the top of the true peak itself off by more than 2.5 nodes (`top_probability`). It is the same noise, so that
 the patch is found with the lesser of the two probabilities, times that of the fit (`settling_probability`).
@@ -69,12 +69,6 @@ _PROBITS_OF_SEARCH = 0.57
 """Probits of the places that are the highest and refused, as ambiguous or by the fit: 0.48 to 0.77 over claims of 0.1 to
 0.9 in the same searches."""
 
-_REACH_PX, _SHARPNESS = 3.0, 0.7
-"""By how many pixels' slope of the noise the top of a flat peak rises, and how fast that falls with a peak's curvature. Fitted to
-290 peaks of two grounds (correlated over 2.5 and 6 nodes), each in 60 draws of noise; off by 0.015 of a correlation (rms) on 599
-of two others (1.7 and 4 nodes), where peaks lower than the true one rise 0.034 more than it in the mean (7178760c, 2026-11-30).
-"""
-
 _CLEAR = 4.5
 SPREAD_NODES = 5
 """Nodes of the quadrature over places whose noise differs."""
@@ -104,53 +98,20 @@ def detection_probability(
     """
     rho = np.asarray(self_correlation, dtype=np.float64) * (1.0 - match.shift_loss)
     nodes, weights = _quadrature(spread_nodes if match.spread > 0.0 else 1)
-    contrast = np.asarray(rival_contrast, np.float64)
     out = np.empty((len(match.contrast), 3))
     kernel.acquisition(
-        match.contrast, match.noise_variance, match.along / match.pixels, rho, 1,
-        _raised(match, np.asarray(rivals, np.float64), contrast, rho), contrast,
+        match.contrast, match.noise_variance, match.along / match.pixels, rho, 1, *_slopes(match),
+        np.asarray(rivals, np.float64), np.asarray(rival_contrast, np.float64),
         np.exp(match.spread * nodes), weights, least_correlation, clear_by, third_from, out,
     )  # fmt: skip
     found, there, highest = out.T
     return found, there, highest
 
 
-def slope_of_noise(match: Registration) -> tuple[Array, Array]:
-    """g (n,), the standard deviation of the slope of the noise in the correlation along an axis, per pixel; and g / G (n,), 0
-    where a patch is not located, in which noise raises the top of the true peak by G (see the module).
-    """
-    (xx, xy), (_, yy) = np.moveaxis(match.covariance_px2, 0, -1) / math.exp(2.0 * match.spread**2)
-    (gx, gxy), (_, gy) = np.moveaxis(match.slope_noise, 0, -1) / (match.pixels * _power(match))
-    slope = np.sqrt(np.maximum(gx + gy, 0.0) / 2.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        trace = xx * gx + 2.0 * xy * gxy + yy * gy
-        product = (xx * yy - xy**2) * (gx * gy - gxy**2)
-        steep = 2.0 * slope / np.sqrt(trace + 2.0 * np.sqrt(np.maximum(product, 0.0)))
-    return slope, np.where(np.isfinite(steep), steep, 0.0)
-
-
-def _rise(match: Registration, height: Array, contrast: Array) -> Array:
-    """By how much more than the true place noise raises tops that are ``height`` (n, k) times as high, in noise-free correlation
-    (n, k) of windows with a ``contrast`` (n, k).
-    """
-    slope, steep = slope_of_noise(match)
-    steep = _SHARPNESS * steep[:, None]
-    falls = np.exp(-steep * np.clip(height, 0.0, 1.0)) - np.exp(-steep)
-    return np.asarray(_REACH_PX * (slope * np.sqrt(_power(match)))[:, None] * falls / contrast)
-
-
-def _power(match: Registration) -> Array:
-    """Variance (n,) of a noisy patch."""
-    return np.asarray(match.contrast**2 + match.noise_variance)
-
-
-def _raised(match: Registration, rivals: Array, contrast: Array, rho: Array) -> Array:
-    """Noise-free correlations (n, k) of rivals whose means e_k include by how much more noise raises them than the true place."""
-    spread = np.sqrt(contrast**2 + match.noise_variance[:, None])
-    true = (rho * match.contrast / np.sqrt(_power(match)))[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        more = _rise(match, rivals * contrast / spread / true, contrast)
-        return np.where(more > 0.0, np.minimum(rivals + more, spread / contrast), rivals)
+def _slopes(match: Registration) -> tuple[Array, Array]:
+    """Covariances (n, 2, 2) of the match at a place with typical noise, and of the slopes of the noise's product with the patch."""
+    typical = match.covariance_px2 / math.exp(2.0 * match.spread**2)
+    return typical, match.slope_noise / match.pixels[:, None, None]
 
 
 @cache
@@ -209,16 +170,10 @@ def least_rival(
     nodes, _ = _quadrature(spread_nodes if match.spread > 0.0 else 1)
     out = np.empty(len(match.contrast))
     kernel.least_rivals(
-        match.contrast, match.noise_variance, match.along / match.pixels, rho, 1,
+        match.contrast, match.noise_variance, match.along / match.pixels, rho, 1, *_slopes(match),
         np.exp(match.spread * nodes), _CLEAR + clear_by, out,
     )  # fmt: skip
-    half = 0.5 * match.contrast[:, None]  # the least of the others, which noise raises most
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = half / np.sqrt(half**2 + match.noise_variance[:, None])
-        share /= (rho * match.contrast / np.sqrt(_power(match)))[:, None]
-        lowest = out[:, None] - _rise(match, 0.0 * share, half)
-        more = _rise(match, lowest * share, half)[:, 0]  # lower places rise more
-        return np.where(np.isfinite(more), out - more, out)
+    return out
 
 
 def top_probability(

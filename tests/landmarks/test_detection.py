@@ -280,6 +280,20 @@ def test_noise_raises_low_tops_most(rho):
     assert 0.4 < found < 0.995
 
 
+def test_a_flat_window_is_no_rival_where_noise_raises_tops():
+    match = case(contrast=0.1, noise=0.2, gain=10.0)
+    match = dataclasses.replace(
+        match, slope_noise=np.eye(2)[None] * 0.1, covariance_px2=np.eye(2)[None] * 0.5**2
+    )
+
+    def found(rho, there):
+        rivals = np.array([[rho, 0.5]]), np.array([[there, 0.1]])
+        return detection_probability(match, *rivals, 1.0, 0.3)[0][0]
+
+    assert found(0.0, 0.0) == found(np.nan, np.nan)
+    assert found(0.0, 0.05) < found(0.0, 0.0) < 0.999
+
+
 def test_the_least_rival_is_not_far_below_those_that_matter():
     """Rivals 0.3 above it reduce the probability in most matches where it is high."""
     match, own = random_cases(np.random.default_rng(2), 500, 0.0)

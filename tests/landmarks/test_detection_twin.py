@@ -20,12 +20,12 @@ from scipy.ndimage import map_coordinates, maximum_filter, spline_filter
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
+from lcp_catalog.kernels.matching.acquisition import slope_of_noise
 from lcp_catalog.landmarks.detection import (
     clearance,
     detection_probability,
     mistake_probability,
     settling_probability,
-    slope_of_noise,
     top_probability,
 )
 from lcp_catalog.landmarks.error_model import ErrorModel, PatchErrors
@@ -71,6 +71,12 @@ def library(patch: np.ndarray, level: float, length: float):
     return registration(patches, errors, noise_model(level, length), CELL_M)
 
 
+def noise_at_place(match) -> tuple[float, float]:
+    """g and g / G of a match (`further_rise`)."""
+    power = match.contrast[0] ** 2 + match.noise_variance[0]
+    return slope_of_noise(match.covariance_px2[0], match.slope_noise[0] / (match.pixels[0] * power))
+
+
 @pytest.mark.parametrize("length", [0.0, 1.5, 4.0])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_probability_among_given_rivals(seed, length):
@@ -83,9 +89,8 @@ def test_probability_among_given_rivals(seed, length):
             found = detection_probability(
                 match, rho[None], contrast[None], 1.0, least, clear_by=clear
             )[0][0]
-            noise = (float(x[0]) for x in slope_of_noise(match))
             said = probability_among(
-                place.patch, level, length, rho, contrast, least, clear, *noise
+                place.patch, level, length, rho, contrast, least, clear, *noise_at_place(match)
             )
             assert found == pytest.approx(said, abs=0.01)
 
@@ -268,7 +273,7 @@ def test_noise_raises_tops_against_draws(relief, length, level):
             highest = maximum_filter(score, footprint=near)
             seen += (highest - score)[rows, cols] / 30
         others = np.hypot(*(inner - SEARCH).T) > 4
-        (slope,), (steep,) = slope_of_noise(match)
+        slope, steep = noise_at_place(match)
         found += (seen - seen[own])[others].tolist()
         said += further_rise(slope, steep, height[rows, cols])[others].tolist()
     assert len(found) >= 18
