@@ -22,6 +22,7 @@ from ..photometry.albedo_map import AlbedoMap
 from ..photometry.facet_model import law_file
 from ..photometry.law_choice import LawChoice
 from ..terrain.area import Area
+from ..terrain.terrain import no_height
 from ..terrain.useful_cell import Cell, finest_cell, resolves, useful_cell
 from .config import BuildConfig
 from .model_config import ModelConfig
@@ -195,7 +196,7 @@ def cells(config: BuildConfig, dems: DemSet, region: Area) -> list[Cell]:
         return [cell]
     near = [dem for dem in dems.dems if dem.grid.bounds.meets(region.bounds)]
     if not near:
-        raise AreaError(f"no DEM covers the region ({region.bounds})")
+        raise no_height(dems, region)
     found = [cell_m for cell_m in wanted if any(resolves(dem, cell_m) for dem in near)]
     lost = [cell_m for cell_m in wanted if cell_m not in found]
     if lost:
@@ -249,5 +250,5 @@ def _error_model(
     sigma, length = height_errors(dems, lon, lat, maps)
     known = np.isfinite(sigma)
     if not known.any():
-        raise AreaError(f"no DEM covers the region ({region.bounds})")
+        raise no_height(dems, region)
     return config.errors.model(float(np.median(sigma[known])), float(np.median(length[known])))

@@ -30,6 +30,9 @@ R = "render DEM.tif -o r.tif --center 3.5 26"
 WRONG = [
     # words, exit code, what is said
     (f"{B} --center 26 3.5 --size 30", 1, r"the area \(.*\) has no height in the DEM, which covers .*: are longitude and latitude exchanged\?"),
+    (f"{B} --center 26 3.5 --size 30 --gsd 474", 1, r"the area \(.*\) has no height in the DEM, which covers .*: are longitude and latitude exchanged\?"),
+    (f"{B} --center 26 3.5 --size 30 --levels 237,474", 1, r"the area \(.*\) has no height in the DEM, which covers .*: are longitude and latitude exchanged\?"),
+    (f"{B} --center -3.5 26 --size 30 --gsd 474", 1, r"the area \(longitude -?\d.*\) has no height in the DEM, which covers longitude \S+, latitude \S+$"),
     (f"{B} --center 3.5 26 --size 0", 2, r"'--size': 0.0 is not in the range x>0"),
     (f"{B} --center 3.5 26 --size 30000", 1, r"--size of 30000 x 30000 km: it must be above 0 and at most 2000 km"),
     (f"{B} --center 3.5", 2, r"'--center' requires 2 arguments"),
