@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array
+from ..errors import PoseError
 
 _JUMP = 0.5
 """Two steps of a metre whose pixel differences differ by more than this share of the shorter one
@@ -207,6 +208,14 @@ class Uncertainty:
 
     position_m: float
     attitude_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        # A turn of many radians (degrees, by mistake) would search the whole image for every point: minutes, gigabytes.
+        turn = self.attitude_rad
+        if not (self.position_m >= 0.0 and (0.0 <= turn <= np.pi / 2.0 or turn == np.inf)):
+            raise PoseError(
+                f"{self}: a sigma is 0 or more, that of an attitude in radians, at most pi / 2 or inf"
+            )
 
     def sigmas(self, sensor: Sensor) -> Array:
         """1 sigma of each of a sensor's corrections."""

@@ -20,6 +20,17 @@ UNCERTAIN = Uncertainty(5000.0, np.radians(0.5))
 NO_PRIOR = Uncertainty(np.inf, np.inf)
 
 
+@pytest.mark.parametrize(
+    "wrong", [(-1.0, 0.0), (np.nan, 0.0), (1.0, -0.1), (1.0, 30.0), (1.0, np.nan)]
+)
+def test_a_sigma_that_is_none_is_refused(wrong: tuple[float, float]) -> None:
+    """30 deg taken as radians: `locate` searched all of a photograph for every point and did not come back for minutes."""
+    with pytest.raises(
+        PoseError, match=r"Uncertainty\(.*: a sigma is 0 or more, that of an attitude in radians"
+    ):
+        Uncertainty(*wrong)
+
+
 def pinhole(camera: Camera, correction: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Pixels of points in a moved camera, by hand."""
     rotation = turned(correction[3:]) @ camera.rotation_mcmf_to_camera
