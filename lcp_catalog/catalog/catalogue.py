@@ -421,11 +421,8 @@ class Catalog(CatalogParts):
             For a view that the catalogue is without, and an elevation beyond the catalogue's.
         """
         views = len(self.view_off_nadir)
-        require(
-            ""
-            if view is None or 0 <= view < views
-            else f"has no view {view}, but {views}, from 0 on"
-        )
+        if view is not None and not 0 <= view < views:
+            raise CatalogError(f"the catalogue has no view {view}, but {views}, from 0 on")
         e = a = slice(None)
         if sun_elevation is not None:
             low, high = float(self.sun_elevation.min()), float(self.sun_elevation.max())

@@ -18,7 +18,7 @@ from ..dem.plausibility import warn_of_doubts
 from ..dem.public import Dems, dem_set
 from ..ephemeris.solar_position import SunTable, sun_table
 from ..ephemeris.times import Times
-from ..errors import AreaError, ConfigError
+from ..errors import AreaError, ConfigError, pair
 from ..geometry.frames import EnuFrame, direction_enu
 from ..kernels.rays.bundles import scaled
 from ..terrain.area import Area, NodeWindow
@@ -71,7 +71,7 @@ def sun_at(
     >>> round(float(sun.azimuth_deg[0]), 1), round(float(sun.elevation_deg[0]), 1)
     (96.5, 13.5)
     """
-    lon_deg, lat_deg = center
+    lon_deg, lat_deg = pair(center, "center", "longitude and latitude, degrees")
     if dem is None:
         if gsd_m is not None:
             raise ConfigError("`gsd_m` needs `dem`: it is the cell size of the terrain")

@@ -254,6 +254,10 @@ def merge_catalogs(
     OutputExistsError and OutputError as
     `atomic_files.check_output`.
     """
+    if isinstance(catalogs, Catalog | Path | str):
+        raise not_a(catalogs, "catalogs", "a list of catalogues, or of the paths of their files")
+    if not catalogs:
+        raise CatalogError("no catalogue was given to be merged")
     for one in catalogs:
         if not isinstance(one, Catalog | Path | str):
             raise not_a(one, "catalogs", "catalogues, or the paths of their files")

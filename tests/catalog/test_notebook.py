@@ -213,7 +213,7 @@ def test_points_that_work_in_a_condition(catalog: lcp.Catalog) -> None:
     np.testing.assert_array_equal(found.point_id, catalog.point_id[works[:, 1, e, a]])
     low = catalog.sel(sun_elevation=21.0)
     np.testing.assert_array_equal(low.point_id, catalog.point_id[works[:, :, e].any((1, 2))])
-    with pytest.raises(CatalogError, match=r"has no view 9, but \d, from 0 on"):
+    with pytest.raises(CatalogError, match=r"^the catalogue has no view 9, but \d, from 0 on"):
         catalog.sel(view=9)
 
 
@@ -363,8 +363,12 @@ def test_what_is_of_another_kind_is_told(catalog: lcp.Catalog) -> None:
         (lambda: lcp.render([5.0], sun=(90, 20)), "`dem` must be the path of a DEM, several paths"),
         (lambda: lcp.dem_info(7), "`dem` must be the path of a DEM, .* not int"),
         (lambda: lcp.build_catalog("d.tif", "o.h5", config=[1]), "`config` must be a Build"),
+        (lambda: lcp.merge("a.h5", "o.h5"), "`catalogs` must be a list of catalogues, .* not str"),
+        (lambda: lcp.merge(catalog, "o.h5"), "`catalogs` must be a list of catalogues, .* not Cat"),
+        (lambda: lcp.merge([], "o.h5"), "no catalogue was given to be merged"),
+        (lambda: lcp.sun_at("2026-01-01", (3, 26)), "`center` must be longitude and latitude"),
     ):
-        with pytest.raises((TypeError, errors.SunError), match=text):
+        with pytest.raises((TypeError, errors.SunError, CatalogError), match=text):
             call()
 
 
