@@ -337,8 +337,11 @@ def open_dataset(path: Path, kind: str = "a DEM") -> tuple[Any, tuple[Path, ...]
 
 
 def unit_m(dataset: Any) -> float:
-    """Metres in the unit of a dataset's first band: of kilometres 1000, of any other 1."""
-    return 1e3 if re.match(r"\s*(km|kilomet(er|re)s?)\s*$", dataset.units[0] or "", re.I) else 1.0
+    """Metres in the unit of a dataset's first band: of kilometres 1000, of none or any text 1. DemError for a known other one."""
+    unit = (dataset.units[0] or "").strip()
+    if re.fullmatch(r"([cdm]m|(centi|deci|milli)met(er|re)s?|(us[- ])?f(oo|ee)?t)", unit, re.I):
+        raise DemError(f"{dataset.name}: the unit is {unit}; convert the values to metres")
+    return 1e3 if re.fullmatch(r"km|kilomet(er|re)s?", unit, re.I) else 1.0
 
 
 def require_file(path: Path, kind: str) -> None:

@@ -284,3 +284,15 @@ class TestScaleWithoutUnit:
         tail = cut(tail, SAMPLE_TYPE="PC_REAL", UNIT="KILOMETER", SCALING_FACTOR=1, OFFSET=1737.4)
         whole = f"{head}OBJECT = UNCOMPRESSED_FILE{tail}"
         assert parse_pds3(whole, Path("X.LBL")).height_scale_m == 0.5
+
+
+@pytest.mark.parametrize("unit", ["ft", "feet", "US-ft", "cm", "decimeters", "", "m", "elevation"])
+def test_heights_in_other_units_are_not_taken_as_metres(tmp_path: Path, unit: str) -> None:
+    path = geotiff(tmp_path / "d.tif", np.full((20, 20), 7.0, np.float32), 0.0, 4000.0, 100.0)
+    with rasterio.open(path, "r+") as dataset:
+        dataset.units = (unit,)
+    if unit in ("", "m", "elevation"):
+        assert Dem.open(path).read(0, 1, 0, 1).item() == 7.0
+    else:
+        with pytest.raises(DemError, match=rf"d\.tif: the unit is {unit}; convert the values"):
+            Dem.open(path)
