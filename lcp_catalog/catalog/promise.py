@@ -246,7 +246,7 @@ def promise_rows(found: dict[str, Any] | None) -> list[tuple[str, str]]:
     ]
     rows += [("  worst Sun", worst_text(sun)) for sun in found["worst_suns"]]
     if found["lower_bound"]:
-        text = f"at least {found['lower_bound']:.1f} points keep it, {found['size_over_bound']:.2f} times as many do"
+        text = f"at least {found['lower_bound']:.1f} points keep as much, {found['size_over_bound']:.2f} times as many do"
         rows.append(("  size", text))
     return rows
 
