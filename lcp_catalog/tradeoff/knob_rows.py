@@ -182,7 +182,7 @@ def row_of(setting: Setting, usual: Outcome, found: Outcome) -> Row:
     sample, areas_of = found.sample, len(usual.sample.jobs)
     usual = usual.on(sample)
     areas = len(sample.jobs)
-    left = areas_of - areas
+    left = len(sample.level.jobs) - areas
     before, after = usual.candidates, found.candidates
     config, own = usual.level.recipe.config, found.level.recipe.config
     near_m = NEAR_CELLS * config.gsd_m

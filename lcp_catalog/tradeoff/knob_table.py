@@ -145,7 +145,7 @@ def best_said(trade: Trade) -> list[str]:
     ]
     none = "No condition changes on these areas, so that no more were measured: the interval ends with what others may change."
     ended = is_clear(best) and not best["conditions_changed_share"]
-    said += [none] * (ended and 0 < best["areas"] < best["areas_of"])
+    said += [none] * (ended and best["areas"] > 0 and max(best["interval"] or [0.0]) > 0.0)
     few = f"Whether its points are worth {LEAST_USABLE:g} so few do not tell: measure more areas."
     return said + [few] * (best["areas"] > 0 and not is_clear(best)) + _elsewhere(best)
 

@@ -460,13 +460,13 @@ def test_what_to_take_says_what_holds_where(found: Trade) -> None:
         "Whether its points are worth 0.95 so few do"
     )
     ended = "No condition changes on these areas, so that no more were measured"
-    for areas, share, told_so in (
-        (14, 0.0, True),
-        (14, 0.02, False),
-        (67, 0.0, False),
-        (0, 0.0, False),
+    for areas, share, most, told_so in (
+        (14, 0.0, 0.01, True),
+        (14, 0.02, 0.03, False),
+        (67, 0.0, 0.0, False),
+        (0, 0.0, 0.01, False),
     ):
-        other = {"areas": areas, "areas_of": 67, "conditions_changed_share": share}
+        other = {"areas": areas, "interval": [0.0, most], "conditions_changed_share": share}
         of = knob_table.best_said(dataclasses.replace(some, best_row=row | other))
         assert told_so == any(one.startswith(ended) for one in of)
     alone = dataclasses.replace(some, best_row=row | {"elsewhere": None, "areas": 0})

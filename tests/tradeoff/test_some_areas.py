@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import pytest
@@ -63,6 +64,23 @@ def test_a_slow_alternative_is_computed_on_as_many_areas_as_there_is_time_for(
     other = dataclasses.replace(slow, values={"area.gsd_m": 600.0})  # other areas
     for setting, until in ((slow, 9.0), (other, 15.0)):
         assert "beyond the time limit" in row(every, setting, until)["why"]
+
+
+@pytest.mark.slow
+def test_an_interval_is_of_the_whole_build(build: Build) -> None:
+    """Areas that were not sampled may change more; where all were, nothing is left to be known."""
+    settings = [Setting("", "", {}), Setting("dependence", "0", {"points.max_dependence": 0.0})]
+    ends = {}
+    for count in (2, len(build.jobs)):
+        some = knobs.Sample(build, build.recipe.config, list(build.jobs[:count]))
+        measured = knobs.Measurement(some, Started(), math.inf).outcomes(settings)
+        usual, found = (outcome for _, outcome in measured)
+        row = knob_rows.row_of(settings[1], usual, found)
+        low, high = row["interval"]
+        assert low <= row["conditions_changed_share"] <= high
+        ends[row["areas"]] = high - row["conditions_changed_share"]
+    assert ends[2] > 0.01
+    assert ends[len(build.jobs)] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_worth_of_points_has_the_interval_of_its_areas() -> None:
