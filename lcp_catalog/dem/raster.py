@@ -336,10 +336,17 @@ def open_dataset(path: Path, kind: str = "a DEM") -> tuple[Any, tuple[Path, ...]
     return _dataset(path, dataset), files
 
 
+_OTHER_LENGTHS = (
+    r"[cdm]m|(centi|deci|milli)met(er|re)s?|(us[-_ ]?(survey )?)?(ft|foot|feet)([-_ ]?us)?\.?"
+    r"|inch(es)?|y(ar)?ds?|miles?"
+)
+"""Units of length, other than metres and kilometres, as files state them."""
+
+
 def unit_m(dataset: Any) -> float:
-    """Metres in the unit of a dataset's first band: of kilometres 1000, of none or any text 1. DemError for a known other one."""
+    """Metres in the unit of a dataset's first band: of kilometres 1000, of none or any text 1. DemError for `_OTHER_LENGTHS`."""
     unit = (dataset.units[0] or "").strip()
-    if re.fullmatch(r"([cdm]m|(centi|deci|milli)met(er|re)s?|(us[- ])?f(oo|ee)?t)", unit, re.I):
+    if re.fullmatch(_OTHER_LENGTHS, unit, re.I):
         raise DemError(f"{dataset.name}: the unit is {unit}; convert the values to metres")
     return 1e3 if re.fullmatch(r"km|kilomet(er|re)s?", unit, re.I) else 1.0
 

@@ -256,6 +256,7 @@ def merge_catalogs(
     """
     if isinstance(catalogs, Catalog | Path | str):
         raise not_a(catalogs, "catalogs", "a list of catalogues, or of the paths of their files")
+    catalogs = list(catalogs)
     if not catalogs:
         raise CatalogError("no catalogue was given to be merged")
     for one in catalogs:

@@ -286,7 +286,22 @@ class TestScaleWithoutUnit:
         assert parse_pds3(whole, Path("X.LBL")).height_scale_m == 0.5
 
 
-@pytest.mark.parametrize("unit", ["ft", "feet", "US-ft", "cm", "decimeters", "", "m", "elevation"])
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "ft",
+        "feet",
+        "US-ft",
+        "US survey foot",
+        "ftUS",
+        "yard",
+        "cm",
+        "decimeters",
+        "",
+        "m",
+        "elevation",
+    ],
+)
 def test_heights_in_other_units_are_not_taken_as_metres(tmp_path: Path, unit: str) -> None:
     path = geotiff(tmp_path / "d.tif", np.full((20, 20), 7.0, np.float32), 0.0, 4000.0, 100.0)
     with rasterio.open(path, "r+") as dataset:
