@@ -366,6 +366,7 @@ def test_what_is_of_another_kind_is_told(catalog: lcp.Catalog) -> None:
         (lambda: lcp.merge("a.h5", "o.h5"), "`catalogs` must be a list of catalogues, .* not str"),
         (lambda: lcp.merge(catalog, "o.h5"), "`catalogs` must be a list of catalogues, .* not Cat"),
         (lambda: lcp.merge([], "o.h5"), "no catalogue was given to be merged"),
+        (lambda: lcp.merge(iter(()), "o.h5"), "no catalogue was given to be merged"),
         (lambda: lcp.sun_at("2026-01-01", (3, 26)), "`center` must be longitude and latitude"),
     ):
         with pytest.raises((TypeError, errors.SunError, CatalogError), match=text):
