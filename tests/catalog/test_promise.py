@@ -87,7 +87,7 @@ def test_it_is_told_in_words(catalog: Catalog, plain: Catalog, path: Path) -> No
     assert "(dark)" in page
     assert "located, at least" in page  # by Sun
     kept = 100.0 * np.mean(catalog.promise.cause[catalog.promise.cause != NO_CELL] == Cause.MET)
-    cells = f"cells with heights, {catalog.coverage.spacing_m / 1e3:.3g} km wide, have a control point within that"
+    cells = f"cells with heights, {catalog.coverage.spacing_m / 1e3:.3g} km wide, have a control point within that distance"
     assert _tile(page, "places, views and Suns: frames of 40 km have what is pr") == f"{kept:.1f} %"
     assert _tile(page, f"{cells}; points are chosen for frames")
     alone = render_report(plain, "p.h5")
