@@ -58,12 +58,7 @@ def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIA
 
     Probabilities are kept half a step of their storage from 0 and 1. ValueError for NaN.
     """
-    tails = _tails(_probits(probability), common_variance)
-    return np.asarray(np.clip(WEIGHTS @ tails, 0.0, 1.0))
-
-
-def _probits(probability: ArrayLike) -> Array:
-    return np.asarray(ndtri(_inside(probability)))
+    return np.asarray(np.clip(WEIGHTS @ _tails(probability, common_variance), 0.0, 1.0))
 
 
 def _inside(probability: ArrayLike) -> Array:
@@ -75,8 +70,9 @@ def _inside(probability: ArrayLike) -> Array:
     return np.asarray(p)
 
 
-def _tails(probit: Array, common_variance: float = COMMON_VARIANCE) -> Array:
+def _tails(probability: ArrayLike, common_variance: float = COMMON_VARIANCE) -> Array:
     """Probabilities (15, n + 1) that at least 0, 1, ... n points are found, at the nodes of the common factor."""
+    probit = ndtri(_inside(probability))
     moved = probit + np.sqrt(common_variance) * NODES[:, None]
     chance = ndtr(moved / np.sqrt(1.0 - common_variance))  # (15, n)
     count = np.zeros((len(NODES), len(probit) + 1))
@@ -90,26 +86,27 @@ def _tails(probit: Array, common_variance: float = COMMON_VARIANCE) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class JointDetection:
-    """How many of n points in view are found in one image, of which each has a claim.
+    """How many of n points in view, with the claims ``probability`` (n,), one image finds together, and whether it is located.
 
-    ``at_least`` (n + 1,): probability that at least 0, 1, ... n of them are found; ``needed``: so many matches
-    must agree for `locate` to accept a position; above n where even all of them would not do. ``located``: probability
-    that as many are found, or that all points together show the place.
+    ``needed``: so many matches must agree for `locate` to accept a position; more than there are points where even all of them
+    would not do. ``located``: probability that as many are found of the points that `locate` searches for first, or that these
+    together show the place; ``located_by_points``: that as many are found.
     """
 
-    expected: float  # sum of the claims
-    at_least: Array
-    needed: int
-    located: float
+    probability: Array
+    needed: int = 1
+    located: float = 0.0
+    located_by_points: float = 0.0
 
     @property
-    def located_by_points(self) -> float:
-        """Probability that as many points are found as `locate` needs."""
-        return float(self.at_least[self.needed]) if self.needed < len(self.at_least) else 0.0
+    def expected(self) -> float:
+        """Number of points that are found in the mean."""
+        return float(self.probability.sum())
 
     def of_numbers(self, most: int) -> dict[str, float]:
-        """``at_least`` by number, from one point on, of at most so many points."""
-        return {str(k): float(p) for k, p in enumerate(self.at_least[: most + 1]) if k}
+        """Probability that at least 1, 2, ... points are found, by number, of at most so many."""
+        at_least = at_least_found(self.probability)
+        return {str(k): float(p) for k, p in enumerate(at_least[: most + 1]) if k}
 
 
 def joint_detection(
@@ -123,21 +120,21 @@ def joint_detection(
 ) -> JointDetection:
     """Joint detection of the points ``rows`` (n,) in view of a sensor with the claimed ``probability`` (n,) and
     the covariances (n, 2, 2) of their matches, pixels of the sensor's image; ``uncertainty``: what is known of the sensor
-    when the points are searched for. `locate` looks for the points of one scale under its Sun (``sun_direction``, unit MCMF
-    vector), at most `Options.most_first`.
+    when the points are searched for. Of these `locate` first looks for the points of one scale under its Sun (``sun_direction``,
+    unit MCMF vector), at most `Options.most_first`.
     """
     some = np.isin(rows, searched_first(catalog, rows, sensor, sun_direction))
     order = np.argsort(-probability[some], kind="stable")[: OPTIONS.most_first]
     chosen = np.flatnonzero(some)[order]
     if not len(chosen):
-        return JointDetection(0.0, at_least_found([]), 1, 0.0)
+        return JointDetection(np.asarray(probability, np.float64))
     p = probability[chosen]
     search = _Search(catalog, rows[chosen], sensor, p, uncertainty)
-    needed, tails = search.needed(covariance_px2[chosen]), _tails(_probits(p))
+    needed, tails = search.needed(covariance_px2[chosen]), _tails(p)
     by_points = tails[:, needed] if needed <= len(p) else np.zeros(len(NODES))
-    located = float(WEIGHTS @ np.maximum(by_points, search.ground_shows()))
-    at_least = np.asarray(np.clip(WEIGHTS @ tails, 0.0, 1.0))
-    return JointDetection(float(p.sum()), at_least, needed, min(located, 1.0))
+    shown = np.maximum(by_points, search.ground_shows())
+    located, as_many = (min(float(WEIGHTS @ chance), 1.0) for chance in (shown, by_points))
+    return JointDetection(np.asarray(probability, np.float64), needed, located, as_many)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,12 @@ from helpers.navigable import everywhere_usable
 from helpers.posed import HADLEY
 from helpers.small_world import GSD_M, LAW, World, overhead
 from helpers.twins_match import catalog_of_patches
+from lcp_cli.main import run as run_command
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import summarise_usable
+from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches
@@ -213,6 +216,30 @@ def test_the_scale_is_that_of_the_points_in_view_whoever_asks() -> None:
     np.testing.assert_array_equal(searched_first(better, everyone, camera, sun), fine)
     coarse = np.flatnonzero(level == 1)  # none of those that are searched first: all
     np.testing.assert_array_equal(searched_first(better, coarse, camera, sun), coarse)
+
+
+def test_a_query_expects_of_all_levels_and_locates_by_the_scale_that_is_searched(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Points whose patches the image shows whole, all with a claim; the finer ones alone are searched for, and are enough."""
+    level = np.tile([0, 0, 1], 30)
+    camera = overhead(pixel_m=100.0, size_px=450)
+    (path := tmp_path / "c.json").write_text(json.dumps(camera.to_json()), encoding="utf-8")
+    told = []
+    for claim in (0.4, 0.0):
+        write_catalog(claiming(np.where(level == 0, 0.98, claim), level), tmp_path / f"{claim}.h5")
+        words = f"query {tmp_path}/{claim}.h5 --camera {path} --json --sun-azimuth 100 --sun-elevation 17"
+        assert run_command(words.split()) == 0
+        told.append(json.loads(capsys.readouterr().out))
+    seen = points_in_view(claiming(np.full(90, 0.9), level), camera)
+    often, never = (one["expected_found"] for one in told)
+    coarse = np.count_nonzero(level[seen] == 1)
+    assert often - never == pytest.approx(0.4 * coarse, rel=0.05)  # as it is stored
+    for one in told:
+        every = sum(one["probability_at_least"].values())
+        assert every == pytest.approx(one["expected_found"], abs=0.05)
+    for name in ("needed", "located_probability", "expected_points"):
+        assert told[0][name] == told[1][name], name
 
 
 def test_a_validation_keeps_the_scale_of_the_whole_catalogue() -> None:
