@@ -111,49 +111,58 @@ def _below(sun, grid):
 
 
 @njit(nogil=True)
-def _least(least, sun, given, rule, grid):
-    """Lower the heights of peaks, or with margins the logits, of a candidate in each view (v,) to those under a Sun; False if
-    it is beyond the claims, or if too little is known there.
+def _least(suns, given, rule, grid, least):
+    """Write the least height of a peak, or with margins logit, of a candidate in each view (v,) under Suns (n, 3) in its frame
+    into ``least``; -inf if one is beyond the claims, or too little is known there. The rest is left out of logits that are all
+    worth nothing.
 
-    ``sun``: direction in the candidate's frame. ``given``: codes of its claims (v, e, a), one over how clearly relief shows there
-    for its slope errors (`landmarks.relief_signal`), and these. ``rule``: `serve`.
+    ``given``: codes of its claims (v, e, a), one over how clearly relief shows there for its slope errors
+    (`landmarks.relief_signal`), and these. ``rule``: `serve`.
     """
     codes, inverse, slope = given
     low, start, above, after = grid
-    heights, views, light, logits, step, _, margins, ends = rule
+    heights, views, light, logits, step, limits, margins, ends = rule
     albedo, least_cosine, least_shown = light
     between, beyond = margins
-    i, j, el, azimuth = _below(sun, grid)
-    i, k = min(max(i, 0), len(low) - 2), after[j]
-    if k == j or k < 0 or above[i] != i + 1 or el < ends[0] - _EDGE_DEG or el > ends[1] + _EDGE_DEG:
-        return False
-    on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
-    up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
-    first = (1.0 - up) * (1.0 - on) * (codes[0, i, j] != UNKNOWN)
-    second = (1.0 - up) * on * (codes[0, i, k] != UNKNOWN)
-    third = up * (1.0 - on) * (codes[0, i + 1, j] != UNKNOWN)
-    fourth = up * on * (codes[0, i + 1, k] != UNKNOWN)
-    total = first + second + third + fourth
-    if total < 0.5:
-        return False
-    mu0 = max(sun[2], least_cosine)
-    for v in range(len(views)):
-        shown = 1.0
-        if albedo > 0.0:
-            both = mu0 + max(views[v, 2], least_cosine)
-            east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
-            north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
-            square = max(east * east + north * north, least_shown * least_shown)
-            shown = math.sqrt(square / (albedo * albedo + slope * slope * square))
-        mean = first * heights[codes[v, i, j]] * inverse[v, i, j]
-        mean += second * heights[codes[v, i, k]] * inverse[v, i, k]
-        mean += third * heights[codes[v, i + 1, j]] * inverse[v, i + 1, j]
-        mean += fourth * heights[codes[v, i + 1, k]] * inverse[v, i + 1, k]
-        mean *= shown / total
-        if between > 0.0:
-            mean = _looked_up(logits, mean / step) - between - beyond * (1.0 - total)
-        least[v] = min(least[v], mean)
-    return True
+    least[:] = np.inf
+    for m in range(len(suns)):
+        sun = suns[m]
+        i, j, el, azimuth = _below(sun, grid)
+        i, k = min(max(i, 0), len(low) - 2), after[j]
+        beyond_ends = el < ends[0] - _EDGE_DEG or el > ends[1] + _EDGE_DEG
+        if k == j or k < 0 or above[i] != i + 1 or beyond_ends:
+            least[:] = -np.inf
+            return
+        on = ((azimuth - start[j]) % 360.0) / ((start[k] - start[j]) % 360.0)
+        up = min(max((el - low[i]) / (low[i + 1] - low[i]), 0.0), 1.0)
+        first = (1.0 - up) * (1.0 - on) * (codes[0, i, j] != UNKNOWN)
+        second = (1.0 - up) * on * (codes[0, i, k] != UNKNOWN)
+        third = up * (1.0 - on) * (codes[0, i + 1, j] != UNKNOWN)
+        fourth = up * on * (codes[0, i + 1, k] != UNKNOWN)
+        total = first + second + third + fourth
+        if total < 0.5:
+            least[:] = -np.inf
+            return
+        mu0, anything = max(sun[2], least_cosine), between == 0.0
+        for v in range(len(views)):
+            shown = 1.0
+            if albedo > 0.0:
+                both = mu0 + max(views[v, 2], least_cosine)
+                east = (sun[0] + views[v, 0]) / both - sun[0] / mu0
+                north = (sun[1] + views[v, 1]) / both - sun[1] / mu0
+                square = max(east * east + north * north, least_shown * least_shown)
+                shown = math.sqrt(square / (albedo * albedo + slope * slope * square))
+            mean = first * heights[codes[v, i, j]] * inverse[v, i, j]
+            mean += second * heights[codes[v, i, k]] * inverse[v, i, k]
+            mean += third * heights[codes[v, i + 1, j]] * inverse[v, i + 1, j]
+            mean += fourth * heights[codes[v, i + 1, k]] * inverse[v, i + 1, k]
+            mean *= shown / total
+            if between > 0.0:
+                mean = _looked_up(logits, mean / step) - between - beyond * (1.0 - total)
+            least[v] = min(least[v], mean)
+            anything |= least[v] >= limits[0]
+        if not anything:
+            return
 
 
 @njit(nogil=True)
@@ -165,27 +174,17 @@ def _looked_up(table, at):
 
 
 @njit(nogil=True)
-def _lower(worth, own, suns, given, rule, grid, least):
-    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to the least under Suns (n, 3) in its
-    frame. ``least`` (v,): for use here.
-    """
-    logits, step, limits, margins, _ = rule[3:]
+def _lower(worth, own, least, rule):
+    """Lower what a candidate is worth (conditions,) in cell ``own`` of each view to what its `_least` (v,) is."""
+    logits, step, limits, margins = rule[3], rule[4], rule[5], rule[6]
     each = len(worth) // len(least)
-    least[:] = np.inf
-    for m in range(len(suns)):
-        known = _least(least, suns[m], given, rule, grid)
-        anything = False
-        for v in range(len(least)):
-            at = v * each + own
-            if worth[at] > 0:
-                logit = least[v] if margins[0] > 0.0 else _looked_up(logits, least[v] / step)
-                units = np.uint8(0)
-                while known and units < len(limits) and logit >= limits[units]:
-                    units += np.uint8(1)
-                worth[at] = min(worth[at], units)
-                anything |= worth[at] > 0
-        if not anything:
-            return
+    for v in range(len(least)):
+        units = 0
+        if least[v] > -np.inf:
+            logit = least[v] if margins[0] > 0.0 else _looked_up(logits, least[v] / step)
+            while units < len(limits) and logit >= limits[units]:
+                units += 1
+        worth[v * each + own] = min(worth[v * each + own], np.uint8(units))
 
 
 @njit(nogil=True)
@@ -230,11 +229,11 @@ def serve(worth, found, near, frames, claims, rule, grid, columns, limit):
                 cell, end = moments[begin, 0], begin
                 while end < size and moments[end, 0] == cell:
                     end += 1
-                _lower(own, columns[int(cell)], turned[begin:end], given, rule, grid, least)
+                _least(turned[begin:end], given, rule, grid, least)
+                _lower(own, columns[int(cell)], least, rule)
                 begin = end
             for v in range(views):
                 sun, there = _behind(towards[v], lats[p], grid, bound)
                 if there >= 0 and columns[there] >= 0:
-                    _lower(
-                        own, columns[there], sun.reshape(1, 3) @ turns.T, given, rule, grid, least
-                    )
+                    _least(sun.reshape(1, 3) @ turns.T, given, rule, grid, least)
+                    _lower(own, columns[there], least, rule)
