@@ -36,9 +36,9 @@ BUDGETS = {
     # limits where nothing changes
     # 38: 2480 cameras from SPICE and CCSDS, Python and notebooks, cures, files on servers, wrong calls
     # 39: 520 flight files, STAC items
-    # 40: 17 wrong values of Python functions that ran on, or ended within numpy; heights in feet; near and far Suns for all points
+    # 40: 31 wrong values of Python functions that ran on, or ended within numpy; heights in feet; near and far Suns for all points
     # 33 took away 265
-    "code lines, lcp_catalog": 50052,
+    "code lines, lcp_catalog": 50066,
     # 3570; 34: 80 signals, advice for memory; 35: 44 their option and line of a plan; 36: 148 warm-up, parts of two passes, an
     # index as an input; 37: 80 budgets, switches; 38: 447 cameras, help and examples, silence, stages; 39: 90 flight files;
     # 33 took away 281

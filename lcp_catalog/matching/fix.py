@@ -8,7 +8,7 @@ from .consensus import Consensus
 from .joint_offset import JointOffset
 from .matches import Matches
 from .pose import Pose
-from .sun_check import SunCheck
+from .sun_verdict import SunCheck
 
 LOCATED = "located"
 NOT_HERE = "not this place"

@@ -41,7 +41,8 @@ from .point_search import SearchImage
 from .pose import Pose, jacobian, solve
 from .search_area import CoarseShift, SearchArea, coarse_shift, correlation_maps, slack_px
 from .subpixel import peaks
-from .sun_check import FAR_TURNS_DEG, TURNS_DEG, Search, SunCheck, check_sun, near_or_far
+from .sun_check import Search, check_sun
+from .sun_verdict import FAR_TURNS_DEG, TURNS_DEG, SunCheck, near_or_far
 
 SHOWS = -3.0
 """log10 of the number of false alarms from which on an image counts as one of another place."""

@@ -46,7 +46,8 @@ from .point_choice import (
 from .point_search import Criteria, SearchImage, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
-from .sun_check import FAR_TURNS_DEG, TURNS_DEG, MatchedPoints, SunCheck, near_or_far
+from .sun_check import MatchedPoints
+from .sun_verdict import FAR_TURNS_DEG, TURNS_DEG, SunCheck, near_or_far
 
 LEAST_USABLE = 6
 """Least number of points that agree, without those that are known not to be usable, from which a pose

@@ -18,7 +18,7 @@ from ..catalog.summary import percent
 from ..geometry.ellipses import error_ellipses
 from ..matching.fix import BY_ALL_POINTS, LOCATED
 from ..matching.matches import MEANINGS, REASONS
-from ..matching.sun_check import SunCheck
+from ..matching.sun_verdict import SunCheck
 from ..navigation.documents import MEANINGS as WORDS
 from ..plots.axes import Axes, Axis
 from ..plots.numbers import number, page

@@ -23,7 +23,7 @@ from ..catalog.summary import percent
 from ..matching.fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from ..matching.matches import CODE, Matches
 from ..matching.pose import Pose, PositionError
-from ..matching.sun_check import SunCheck
+from ..matching.sun_verdict import SunCheck
 from ..plots.numbers import number
 from .advice import EncodingCheck
 from .claims import Claims, Scores, score

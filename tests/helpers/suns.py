@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lcp_catalog.matching.sun_check import TURNS_DEG, SunCheck
+from lcp_catalog.matching.sun_verdict import FAR_TURNS_DEG, TURNS_DEG, FarSunCheck, SunCheck
 
 
 def light(
@@ -23,3 +23,11 @@ def light(
         (0.1, share, share, 0.1),
         (0.9, 0.4, 0.3, 0.8),
     )
+
+
+def far_light(
+    share: float, gain: float = 0.03, gain_z: float = 0.1, points: int = 50
+) -> FarSunCheck:
+    """The same by Suns turned far: the second one is that of `light`."""
+    near = light(share, gain, gain_z, points)
+    return FarSunCheck(**vars(near) | {"turns_deg": FAR_TURNS_DEG})

@@ -15,7 +15,7 @@ from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.matching.fix import Fix
 from lcp_catalog.matching.matches import REASONS, Matches
 from lcp_catalog.matching.pose import Pose, position_error, solve
-from lcp_catalog.matching.sun_check import SunCheck
+from lcp_catalog.matching.sun_verdict import SunCheck
 from lcp_catalog.validation import result
 from lcp_catalog.validation.claims import Claims
 from lcp_catalog.validation.ground_comparison import WindowComparison, compare

@@ -13,7 +13,7 @@ import pytest
 from helpers import small_world
 from helpers.posed import PlainMap
 from helpers.small_world import LAW, World, mirrored, overhead
-from helpers.suns import light
+from helpers.suns import far_light, light
 
 from lcp_catalog.cameras.sensor import Uncertainty
 from lcp_catalog.catalog.catalogue import Catalog
@@ -27,7 +27,8 @@ from lcp_catalog.matching.matches import SEARCHED
 from lcp_catalog.matching.point_choice import working_image
 from lcp_catalog.matching.position_fix import Options, locate
 from lcp_catalog.matching.search_area import CoarseShift, SearchArea, coarse_shift
-from lcp_catalog.matching.sun_check import SunCheck, with_sun
+from lcp_catalog.matching.sun_check import with_sun
+from lcp_catalog.matching.sun_verdict import FAR_TURNS_DEG, SunCheck
 from lcp_catalog.matching.templates import render_patches
 
 MOVED_M = (700.0, -1300.0)
@@ -330,7 +331,8 @@ def test_all_points_are_held_against_far_suns(
     """Brightness that a map knows shows a place under any Sun (test_apollo_maps)."""
 
     def check(*how: Any) -> SunCheck:
-        return replace(light(0.6), turns_deg=how[-1], shifts_px=(0.05 if far_fits else 0.2,) * 4)
+        one = far_light(0.6) if how[-1] == FAR_TURNS_DEG else light(0.6)
+        return replace(one, shifts_px=(0.05 if far_fits else 0.2,) * 4)
 
     monkeypatch.setattr(joint_offset, "check_sun", check)
     found = together(believed(faint(clear(), 0)))

@@ -20,7 +20,8 @@ from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_e
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.map_detail import MISSING, MapDetail
 from lcp_catalog.matching.point_search import Criteria, SearchImage
-from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck, check_sun
+from lcp_catalog.matching.sun_check import MatchedPoints, check_sun
+from lcp_catalog.matching.sun_verdict import SunCheck
 from lcp_catalog.photometry.albedo_map import AlbedoMap
 from lcp_catalog.photometry.laws import reflectance_model
 

@@ -25,7 +25,8 @@ from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.matching.pose import solve
 from lcp_catalog.matching.position_fix import Options, locate
 from lcp_catalog.matching.search_area import SearchArea
-from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck
+from lcp_catalog.matching.sun_check import MatchedPoints
+from lcp_catalog.matching.sun_verdict import SunCheck
 
 QUICK = Options(check_sun=False)
 

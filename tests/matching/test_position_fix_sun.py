@@ -10,7 +10,7 @@ import pytest
 from helpers import small_world
 from helpers.posed import spread_px2
 from helpers.small_world import LAW, UNCERTAIN, believed, overhead
-from helpers.suns import light
+from helpers.suns import far_light, light
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
@@ -18,7 +18,8 @@ from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.point_search import Criteria, FoundPlaces, SearchImage, find_points
 from lcp_catalog.matching.position_fix import Options, locate
-from lcp_catalog.matching.sun_check import FAR_TURNS_DEG, MatchedPoints, SunCheck, with_sun
+from lcp_catalog.matching.sun_check import MatchedPoints, with_sun
+from lcp_catalog.matching.sun_verdict import FAR_TURNS_DEG, SunCheck
 
 QUICK = Options(check_sun=False)
 WHOLE = Options(whole_sun_check=True)
@@ -169,7 +170,7 @@ def test_where_few_agree_far_suns_are_tried(
 
     def better(*how: Any) -> SunCheck:
         asked.append(how[-1])
-        return replace(light(1.0, gain=0.1), turns_deg=how[-1], correlations=(0.4, 0.9, 0.9))
+        return replace(far_light(1.0, gain=0.1), correlations=(0.4, 0.9, 0.9))
 
     monkeypatch.setattr(MatchedPoints, "check", better)
     monkeypatch.setattr(MatchedPoints, "glance", lambda *_: light(0.1))

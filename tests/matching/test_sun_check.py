@@ -13,20 +13,13 @@ import numpy as np
 import pytest
 from helpers.lone_hill import EAST, HERE, above_it, bump_catalog, plain_photo
 from helpers.match_frames import LAW
-from helpers.suns import light
+from helpers.suns import far_light, light
 from helpers.twins_match import catalog_of_patches
 
 from lcp_catalog.geometry.frames import azimuth_elevation
 from lcp_catalog.matching.point_search import Criteria, SearchImage
-from lcp_catalog.matching.sun_check import (
-    FAR_TURNS_DEG,
-    TURNS_DEG,
-    MatchedPoints,
-    SunCheck,
-    best_turn,
-    near_or_far,
-    with_sun,
-)
+from lcp_catalog.matching.sun_check import MatchedPoints, best_turn, with_sun
+from lcp_catalog.matching.sun_verdict import TURNS_DEG, SunCheck, near_or_far
 
 
 def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
@@ -53,7 +46,7 @@ def test_when_a_sun_is_preferred_and_when_it_is_refused() -> None:
 def test_half_of_the_points_under_a_far_sun_refuse_the_stated_one(share: float, fits: bool) -> None:
     """However little they gain: near Suns need a majority and a gain."""
     near = light(share, points=12, gain=0.01, gain_z=0.01)
-    far = replace(near, turns_deg=FAR_TURNS_DEG)
+    far = far_light(share, points=12, gain=0.01, gain_z=0.01)
     assert near.fits
     assert far.fits == fits
     assert ("12 points correlate better under one turned by -90 deg" in far.complaint) != fits
@@ -62,7 +55,7 @@ def test_half_of_the_points_under_a_far_sun_refuse_the_stated_one(share: float, 
 @pytest.mark.parametrize(("shift", "fits"), [(0.09, True), (0.11, False), (0.0, False)])
 def test_a_far_sun_that_moves_no_match_refuses_nothing(shift: float, fits: bool) -> None:
     """The position is the same under both; 0: nothing is known of the matches' places."""
-    far = replace(light(0.6), turns_deg=FAR_TURNS_DEG)
+    far = far_light(0.6)
     assert replace(far, shifts_px=(shift,) * len(far.shifts_px)).fits == fits
     assert not replace(light(0.95), shifts_px=(shift,) * 4).fits  # a near one does
 

@@ -19,7 +19,8 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.matching import sun_check
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria, SearchImage
-from lcp_catalog.matching.sun_check import MatchedPoints, SunCheck, check_sun, with_sun
+from lcp_catalog.matching.sun_check import MatchedPoints, check_sun, with_sun
+from lcp_catalog.matching.sun_verdict import SunCheck
 from lcp_catalog.photometry.laws import reflectance_model
 
 SEARCHED = reflectance_model("lommel-seeliger")
