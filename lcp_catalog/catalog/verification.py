@@ -81,20 +81,6 @@ def open_catalog(path: Path | str, check: bool = True) -> Catalog:
     return judged(stored, head, check)
 
 
-def verify(path: Path | str) -> list[str]:
-    """All problems of a catalogue, one line each; empty if it is intact.
-
-    Reads every variable, which checks its checksums, then checks the values and the digests of all
-    chunks and of the content, in another process. Never raises for a bad file.
-    """
-    try:
-        stored = StoredFile.of(path)
-        problems, head = apart(stored, _whole_judgement)
-        return list(problems) or shard_problems(judged(stored, head))
-    except CatalogError as error:
-        return [str(error).removeprefix(f"{path}: ")]
-
-
 def judged(stored: StoredFile, head: Any, check: bool = True) -> Catalog:
     """The catalogue of a file that was judged, with the facts of its ``head`` (None: it is read again); the shards of
     an index are judged when they are opened.

@@ -14,11 +14,12 @@ import rasterio
 import xarray
 from helpers import catalogs
 from helpers.products import DEGREE_M, geotiff
+from helpers.verified import verify
 
 from lcp_catalog.catalog import catalogue, summary
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.report import render_report
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import (
     AlbedoError,

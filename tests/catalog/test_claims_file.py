@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import xarray
 from helpers import catalogs
+from helpers.verified import verify
 
 from lcp_catalog.catalog import catalogue, schema, summary
 from lcp_catalog.catalog.layout import packing, sigma_step_m
 from lcp_catalog.catalog.maps import usable_nearby
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 from lcp_catalog.landmarks.selection import Places

@@ -13,12 +13,13 @@ import pytest
 import rasterio
 import xarray
 from helpers import catalogs
+from helpers.verified import verify
 
 from lcp_catalog.catalog import maps
 from lcp_catalog.catalog.layout import grid_mapping
 from lcp_catalog.catalog.maps import coverage_map
 from lcp_catalog.catalog.model import Coverage, CoverageMap
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.map_plane import MapPlane

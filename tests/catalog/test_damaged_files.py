@@ -18,11 +18,12 @@ import numpy as np
 import pytest
 from helpers import catalogs, damaged_catalogs
 from helpers.commands import run
+from helpers.verified import verify
 
 from lcp_catalog import child_process
 from lcp_catalog.catalog import file_structure, verification
 from lcp_catalog.catalog.report import write_report
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 

@@ -13,10 +13,11 @@ import h5py
 import numpy as np
 import pytest
 from helpers import catalogs, damaged_catalogs
+from helpers.verified import verify
 
 from lcp_catalog.catalog import catalogue, integrity
 from lcp_catalog.catalog.stored import StoredFile, stored_catalog
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.catalogs import catalog as made
 from helpers.catalogs import promised
+from helpers.verified import verify
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.comparison import compare
@@ -19,7 +20,7 @@ from lcp_catalog.catalog.promise import kept_promise
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import NO_CELL, Cause
 from lcp_catalog.catalog.summary import describe, summary_rows
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 

@@ -15,11 +15,12 @@ import h5py
 import numpy as np
 import pytest
 from helpers import catalogs, many_points
+from helpers.verified import verify
 
 from lcp_catalog.catalog import catalogue, model, summary, verification
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.stored import StoredFile
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError
 
@@ -110,7 +111,7 @@ def test_figures_do_not_depend_on_the_blocks(
     for module in (catalogue, verification):
         monkeypatch.setattr(module, "BLOCK_BYTES", 5000)
     assert summary.summary(open_catalog(written)).items() <= whole.items()
-    assert verification.verify(written) == []
+    assert verify(written) == []
 
 
 def test_faults_of_all_blocks_are_counted_together(
@@ -121,7 +122,7 @@ def test_faults_of_all_blocks_are_counted_together(
     with h5py.File(path, "r+") as file:
         file["longitude"][[3, 22]] = 500.0
     monkeypatch.setattr(verification, "BLOCK_BYTES", 5000)
-    problems = verification.verify(path)
+    problems = verify(path)
     assert "longitude: not in 0..360 (2 of 30; the first at [3])" in problems
 
 

@@ -15,9 +15,10 @@ import pytest
 import rasterio
 import xarray
 from helpers import catalogs
+from helpers.verified import verify
 
 from lcp_catalog.catalog import catalogue, schema
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.errors import CatalogError, OutputExistsError
 from lcp_catalog.landmarks.selection import Status

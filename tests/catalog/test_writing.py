@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import catalogs
+from helpers.verified import verify
 
 from lcp_catalog.catalog import catalogue, disk_stream
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.layout import GROUPS
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import new_catalog, write_catalog
 from lcp_catalog.errors import CatalogError, OutputError
 

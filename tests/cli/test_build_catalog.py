@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 from helpers.commands import refusal
+from helpers.verified import verify
 from lcp_cli import build_catalog
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.verification import verify
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.photometry import moon_map
 from lcp_catalog.production.config import BuildConfig

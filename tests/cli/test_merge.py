@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from helpers import merges
 from helpers.commands import refusal
+from helpers.verified import verify
 from lcp_cli.main import run
 
-from lcp_catalog.catalog.verification import verify
 from lcp_catalog.catalog.writing import write_catalog
 
 

@@ -13,13 +13,14 @@ from typing import Any
 import h5py
 import numpy as np
 import rasterio
+from helpers.verified import verify
 
 from lcp_catalog.catalog import integrity
 from lcp_catalog.catalog.catalogue import Catalog, values
 from lcp_catalog.catalog.maps import overview_levels, usable_nearby
 from lcp_catalog.catalog.model import Coverage, Overview, Promise
 from lcp_catalog.catalog.schema import COVERAGE_STATUS, NO_CELL, Cause, summarise_usable
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import (

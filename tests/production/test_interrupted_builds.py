@@ -11,8 +11,9 @@ import pytest
 import rasterio.shutil
 from helpers.areas_once import run_area
 from helpers.small_build import CONFIG, DEM
+from helpers.verified import verify
 
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import AreaFailedError, OutputError, OutputExistsError
 from lcp_catalog.production import area_job, run
 from lcp_catalog.production.area_job import AreaJob, AreaResult

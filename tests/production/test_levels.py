@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from helpers.areas_once import AreasOnce
 from helpers.two_dems import COARSE_M, CONFIG, FINE_M, SITE_KM, two_dems
+from helpers.verified import verify
 from lcp_cli.main import run as command
 
 from lcp_catalog.catalog.comparison import compare
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import AreaError, AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Status
 from lcp_catalog.production import estimate as build_estimate

@@ -13,6 +13,7 @@ import pytest
 from helpers import catalogs, merges
 from helpers.merges import read, written
 from helpers.small_build import CONFIG, DEM
+from helpers.verified import verify
 from scipy.ndimage import map_coordinates
 
 from lcp_catalog.catalog.catalogue import Catalog
@@ -25,7 +26,6 @@ from lcp_catalog.catalog.promise import kept_promise, promise_rows
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import Cause, usable
 from lcp_catalog.catalog.summary import describe
-from lcp_catalog.catalog.verification import verify
 from lcp_catalog.errors import CatalogError, OutputError, OutputExistsError
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.production import merging

@@ -11,6 +11,7 @@ import pytest
 import rasterio
 import xarray
 from helpers.pages import parsed
+from helpers.verified import verify
 from helpers.virtual_moon import virtual_moon
 
 from lcp_catalog.catalog.layout import grid_mapping
@@ -18,7 +19,7 @@ from lcp_catalog.catalog.maps import overview_levels
 from lcp_catalog.catalog.report import render_report
 from lcp_catalog.catalog.schema import LEVEL_FACTORS
 from lcp_catalog.catalog.summary import describe
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.landmarks.selection import Places, Status, nearest
 from lcp_catalog.production.config import AreaConfig, BuildConfig, SunConfig, ViewConfig

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.small_build import CONFIG, DEM
+from helpers.verified import verify
 from scipy.spatial import KDTree
 
 from lcp_catalog.arrays import Bytes
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.prediction import predict
 from lcp_catalog.catalog.schema import NO_CELL, Cause
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.errors import ConfigError
 from lcp_catalog.geometry.frames import lonlat_to_mcmf

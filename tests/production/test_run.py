@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from helpers.products import DEGREE_M, geotiff
 from helpers.small_build import CONFIG, DEM
+from helpers.verified import verify
 
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.schema import (
@@ -28,7 +29,7 @@ from lcp_catalog.catalog.schema import (
     UNSHADOWED,
     USABLE,
 )
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.dem.dem import Dem
 from lcp_catalog.dem.error_maps import height_errors
 from lcp_catalog.dem.mosaic import DemSet

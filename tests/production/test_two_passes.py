@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from helpers.areas_once import run_area
 from helpers.small_build import CONFIG, DEM
+from helpers.verified import verify
 
 from lcp_catalog.catalog.schema import NO_CELL, Cause
-from lcp_catalog.catalog.verification import open_catalog, verify
+from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.errors import AreaFailedError, ConfigError
 from lcp_catalog.landmarks.selection import Places, select
 from lcp_catalog.production import area_job, executor, finished_area, run, two_passes
