@@ -107,7 +107,7 @@ class PromisedPlaces:
             raise ConfigError(
                 f"the ground that a frame sees, {footprint_m / 1e3:g} km wide (`points.footprint_km`), is too large for this "
                 "region: nothing could be promised in any footprint; give a smaller `points.footprint_km`, or a larger region, or "
-                "smaller cells"
+                "smaller cells; is a stated altitude in km?"
             )
         return cls(at, promised, footprint_m, radius_m)
 
