@@ -59,7 +59,7 @@ bench: $(READY) ## points matched a second; plans and areas of the Moon's belt
 	$(BIN)/python -m benchmarks.speed scale
 
 bench-build: $(READY) ## a build by stage, beside a plain and a strong pipeline and beside another commit
-	$(BIN)/python -m benchmarks.speed build areas commit jobs
+	$(BIN)/python -m benchmarks.speed build areas regions commit
 
 bench-peers: $(READY) ## shadows and camera rays beside Mitsuba and Embree
 	$(INSTALL) --group peers

@@ -29,12 +29,13 @@ def in_turn(
     rounds: int = 5,
     clock: Callable[[], float] = time.process_time,
     before: Task = lambda: None,
+    warm: Sequence[str] | None = None,
 ) -> Times:
-    """Time tasks in turn, every second round in the opposite order, after one untimed run of each; ``before``
-    runs untimed before each.
+    """Time tasks in turn, every second round in the opposite order, after one untimed run of each, or of those that ``warm``
+    names; ``before`` runs untimed before each.
     """
-    for task in tasks.values():
-        task()
+    for name in tasks if warm is None else warm:
+        tasks[name]()
     times: Times = {name: [] for name in tasks}
     for number in range(rounds):
         for name in list(tasks)[:: 1 if number % 2 else -1]:

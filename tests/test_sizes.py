@@ -25,9 +25,9 @@ SIZES = _module()
 
 BUDGETS = {
     # What issue 33 left, and lines that later issues added, rounded; commits and closing notes say for what
-    # 4100; 34: 620 failing calls and commands; 35: 161 located frames, Kaguya, the pole; 36: 340 Embree, the strong
-    # pipeline; 37: 390 which matcher survives which Sun; 39: 180 the flight file; 33 took away 597
-    "code lines, benchmarks": 5193,
+    # 4100; 34: 620 failing calls and commands; 35: 161 located frames, Kaguya, the pole; 36: 355 Embree, the strong
+    # pipeline, regions beside it; 37: 390 which matcher survives which Sun; 39: 180 the flight file; 33 took away 597
+    "code lines, benchmarks": 5208,
     # 40 430
     # 34: 890 pipes, failed reads, cut and sparse files, implausible DEMs, digests handed on, exports
     # 35: 1508 error models and their fit, tops that noise raises, places of maps, whole ground, the Sun, promises of footprints

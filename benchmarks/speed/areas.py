@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rasterio
@@ -18,6 +19,9 @@ from lcp_catalog.production.area_job import AreaJob
 from lcp_catalog.production.config import BuildConfig
 from lcp_catalog.production.run import Build
 from tests.helpers.synthetic import cratered
+
+REGION_KM = 60.0
+"""Side of the regions, of areas of about 23 km."""
 
 POLE_NODES, POLE_CELL_M, POLE_RELIEF = 1024, 474.0, 0.4
 STEREOGRAPHIC = "+proj=stere +lat_0=90 +lon_0=0 +k=1 +x_0=0 +y_0=0 +R=1737400 +units=m +no_defs"
@@ -36,6 +40,19 @@ class Case:
     def polar(self) -> bool:
         return self.place_deg[1] > 80.0
 
+    def dem(self, folder: Path) -> Path:
+        """The sample's DEM, or one that is made in the folder."""
+        return polar_dem(folder) if self.polar else DEM
+
+    def region(self, folder: Path, **points: Any) -> Build:
+        """A build of the area around the place and the parts next to it of the eight around, with other settings of ``points``."""
+        own = self.jobs(folder)[0]
+        config, place = own.recipe.config, (own.task.lon_deg, own.task.lat_deg)
+        area = dataclasses.replace(config.area, center_deg=place, size_km=REGION_KM)
+        own_points = dataclasses.replace(config.points, **points)
+        config = dataclasses.replace(config, area=area, points=own_points)
+        return Build.plan([self.dem(folder)], config)
+
     def jobs(self, folder: Path) -> tuple[AreaJob, AreaJob]:
         """The job of the area that contains the place, and another of the same build; a DEM that is made goes to the folder."""
         config = BuildConfig.from_toml(CONFIG)
@@ -49,7 +66,7 @@ class Case:
             sun = dataclasses.replace(sun, elevations_deg=self.elevations_deg)
         area = dataclasses.replace(area, gsd_m=self.gsd_m)
         config = dataclasses.replace(config, area=area, sun=sun, model=model)
-        jobs = Build.plan([polar_dem(folder) if self.polar else DEM], config).jobs
+        jobs = Build.plan([self.dem(folder)], config).jobs
         row, column = jobs[0].grid.owner(*(np.array([value]) for value in self.place_deg))
         wanted = (int(row[0]), int(column[0]))
         own = next(job for job in jobs if (job.task.row, job.task.column) == wanted)

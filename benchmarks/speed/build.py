@@ -1,36 +1,34 @@
 """Time of the main job: areas of three terrains by stage beside two pipelines in the same process, a strong one (`strong`) and
-a straightforward one (`pipeline`), and whole builds beside another commit.
+a straightforward one (`pipeline`), regions, and whole builds beside another commit.
 
-    python -m benchmarks.speed build areas commit jobs        (make bench-build; default: areas)
+    python -m benchmarks.speed build areas regions commit        (make bench-build; default: areas)
     python -m benchmarks.speed build --case highland --rounds 1
     python -m benchmarks.speed build commit --against 4e256b5 --size 60
 
 Areas run on one thread, in turn; ratios are medians over the rounds. Seconds are processor time, so that other processes of the
-machine count less; those of `jobs` are wall time, too. The output is Markdown. All parts take half an hour.
+machine count less. The output is Markdown. All parts take half an hour.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from benchmarks import sections
-from benchmarks.commands import lcp
 from benchmarks.markdown import percent, table
 from benchmarks.places import OUTPUT
-from benchmarks.speed.areas import CASES, Case, own_nodes, sample
+from benchmarks.speed.areas import CASES, Case, own_nodes
+from benchmarks.speed.commit import compared, counted
 from benchmarks.speed.differences import Differences, Places, differences, share
 from benchmarks.speed.stages import LIBRARY, PIPELINE, STAGES, measured
 from benchmarks.timing import Task, in_turn, median, ratio
 from lcp_catalog.catalog.schema import USABLE
-from lcp_catalog.production.area_job import area_sweep, run_area
+from lcp_catalog.production.area_job import AreaJob, Candidates, area_sweep, run_area
+from lcp_catalog.production.run import BuildRun
 from lcp_catalog.threads import limit_threads
 
 BEFORE = "4e256b5"
@@ -43,7 +41,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--case", action="append", choices=CASES, help="default: all")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--against", default=BEFORE, metavar="REV", help="commit: which")
-    parser.add_argument("--size", type=float, default=150.0, metavar="KM", help="commit, jobs")
+    parser.add_argument("--size", type=float, default=150.0, metavar="KM", help="commit")
     parser.add_argument("-o", "--output", type=Path, default=OUTPUT / "build")
     asked = parser.parse_args(words)
     for name in asked.parts:
@@ -106,14 +104,9 @@ class Area:
 
         job, other = case.jobs(folder)
         ours = Timed(partial(run_area, job), LIBRARY, run_area(job))
-        found = ours.candidates
-
-        def run(pipeline: type[Pipeline]) -> Places:
-            return Places(found.lon_deg, found.lat_deg, pipeline(job, found).run())
-
         theirs = {
-            "strong": Timed(partial(run, Strong), PIPELINE),
-            "plain": Timed(partial(run, Pipeline), PIPELINE),
+            name: Timed(partial(_places, pipeline, job, ours.candidates), PIPELINE)
+            for name, pipeline in (("strong", Strong), ("plain", Pipeline))
         }
         every = {"now": ours, **theirs}
         elsewhere = partial(area_sweep, other)  # in a build, the last area was another one
@@ -157,6 +150,15 @@ class Area:
         )
 
 
+def _each(tasks: Sequence[Task]) -> None:
+    for task in tasks:
+        task()
+
+
+def _places(pipeline: Any, job: AreaJob, found: Candidates) -> Places:
+    return Places(found.lon_deg, found.lat_deg, pipeline(job, found).run())
+
+
 def _usable(candidates: Any) -> str:
     """Share of the evaluated candidate-conditions that are usable."""
     condition = candidates.evaluation.condition
@@ -196,44 +198,54 @@ def areas(asked: argparse.Namespace) -> Iterator[str]:
     yield summary(found)
 
 
+# -- regions
+
+WAYS: dict[str, dict[str, Any]] = {
+    "spread, one pass": {"passes": 1},
+    "spread, two": {"passes": 2},
+    "promise, one pass": {"passes": 1, "spacing_m": None},
+    "promise, two": {"passes": 2, "spacing_m": None},
+}
+"""Settings of ``points``: evenly spread, and with the default promise. Two passes follow the same in one."""
+
+
+def regions(asked: argparse.Namespace) -> Iterator[str]:
+    """Regions around the cases' areas by whole builds, but their plans, beside the strong pipeline on the same areas, which
+    makes no choice.
+    """
+    from benchmarks.speed.strong import Strong  # Embree is not everywhere
+
+    for case in cases(asked):
+        builds = {name: case.region(asked.output, **points) for name, points in WAYS.items()}
+        runs = {
+            name: BuildRun(build, asked.output / f"{name}.h5", overwrite=True, advises=False)
+            for name, build in builds.items()
+        }
+        jobs = builds["spread, one pass"].jobs
+        strong = [partial(_places, Strong, job, run_area(job).candidates) for job in jobs]
+        strong[0]()  # compiles
+        tasks: dict[str, Task] = {name: run.whole for name, run in runs.items()}
+        tasks["strong"] = partial(_each, strong)
+        times = in_turn(tasks, asked.rounds, warm=["promise, two"])
+        rows, one = [["strong", f"{median(times['strong']):.1f}", "", "", "", ""]], 0
+        for name, run in runs.items():
+            points, _, usable = counted(run.output)
+            one = one if "two" in name else usable
+            own = [f"{median(times[name]):.1f}", f"{ratio(times[name], times['strong']):.1f}"]
+            kept = f"{usable / one:.3f}" if one else ""
+            rows.append([name, *own, f"{points}", f"{usable}", kept])
+        head = [f"{case.name}, {len(jobs)} areas", "s", "times", "points", "usable", "kept"]
+        yield table(head, rows)
+
+
 # -- other parts
 
 
 def commit(asked: argparse.Namespace) -> Iterator[str]:
     """Whole builds of the sample's middle, now and by another commit, in turn."""
-    from benchmarks.speed.commit import compared
-
     yield compared(asked.against, asked.size, asked.rounds, asked.output)
 
 
-def jobs(asked: argparse.Namespace) -> Iterator[str]:
-    """One and two jobs in turn, and what ``--plan`` states of one."""
-    output = asked.output / "jobs.h5"
-    plan = SimpleNamespace(
-        **json.loads(lcp(*sample(asked.size, output, "--plan", "--json")).output)
-    )
-    runs: dict[int, list[Any]] = {1: [], 2: []}
-    for number in range(asked.rounds + 1):
-        for count in (1, 2) if number % 2 else (2, 1):
-            done = lcp(*sample(asked.size, output, "--jobs", str(count)))
-            runs[count] += [done] if number else []  # the first compiles and reads the files
-    wall = {count: [run.seconds for run in some] for count, some in runs.items()}
-    used = {count: median(run.processor_s for run in some) for count, some in runs.items()}
-    one = median(wall[1])
-    rows = [
-        ["one job, s", f"{one:.1f}"],
-        ["two jobs, s", f"{median(wall[2]):.1f}"],
-        ["one job over two", f"{ratio(wall[2], wall[1]):.2f}"],
-        ["processor time of one job, two jobs, s", f"{used[1]:.1f}, {used[2]:.1f}"],
-        ["`--plan`, s, and over one job", f"{plan.seconds_estimate:.1f}, {plan.seconds_estimate / one:.2f}"],
-        ["`--plan`, bytes over the file's", f"{plan.bytes_estimate / output.stat().st_size:.2f}"],
-        ["`--plan`, MB of a worker over its peak",
-         f"{plan.memory_mb_per_worker / max(run.worker_mb for run in runs[2]):.2f}"],
-    ]  # fmt: skip
-    title = f"{plan.areas} areas of the sample, the whole command, {os.cpu_count()} cores"
-    yield f"## jobs\n\n{table([title, 'median'], rows)}"
-
-
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[str]]] = {
-    f.__name__: f for f in (areas, commit, jobs)
+    f.__name__: f for f in (areas, regions, commit)
 }

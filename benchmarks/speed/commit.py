@@ -62,7 +62,7 @@ def compared(revision: str, size_km: float, rounds: int, folder: Path) -> str:
             runs[one.name] += [done] if number else []  # the first compiles
     rows = []
     for name, some in runs.items():
-        points, conditions, usable = _counted(folder / f"{name}.h5")
+        points, conditions, usable = counted(folder / f"{name}.h5")
         times = [
             f"{median(run.processor_s for run in some):.1f}",
             f"{median(run.seconds for run in some):.1f}",
@@ -84,7 +84,7 @@ def compared(revision: str, size_km: float, rounds: int, folder: Path) -> str:
     )
 
 
-def _counted(path: Path) -> tuple[int, int, int]:
+def counted(path: Path) -> tuple[int, int, int]:
     """Points, evaluated conditions and usable ones of a catalogue of any schema."""
     with h5py.File(path) as file:
         flags = np.asarray(file["condition"])
