@@ -39,9 +39,10 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
+from lcp_catalog.matching.options import USUAL
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria
-from lcp_catalog.matching.position_fix import USUAL, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import PlannedImage
 from lcp_catalog.photometry.laws import reflectance_model

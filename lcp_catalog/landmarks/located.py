@@ -44,7 +44,7 @@ _MINIMAL = 3
 """Matches that determine the six unknowns of a camera."""
 
 _SIGMA_PX = 0.5
-"""1 sigma of a match, and what is known of the camera before: 1 km (`matching.position_fix.USUAL`), searched for within
+"""1 sigma of a match, and what is known of the camera before: 1 km (`matching.options.USUAL`), searched for within
 3 sigma, but 16 to 64 pixels."""
 _TOLERANCE_PX = 1.0
 _POSITION_M = 1000.0

@@ -45,12 +45,9 @@ from ..landmarks.located import (
     log10_false_alarms,
 )
 from .consensus import by_chance, minimal_set, widened
+from .options import OPTIONS, USUAL
 from .point_choice import patch_width_px, reduction, searched_first
-from .position_fix import USUAL, Options
 from .search_area import search_reach_px, slack_px
-
-OPTIONS = Options()
-"""How `locate` searches."""
 
 
 def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIANCE) -> Array:

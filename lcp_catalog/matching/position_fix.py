@@ -10,7 +10,7 @@ that the stated uncertainty allows; a stated Sun that fits (`sun_check`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from .consensus import SHARE_IF_HERE, Consensus, agree, agreeing
 from .fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, SEARCHED, Matches, joined
+from .options import OPTIONS, USUAL, Options
 from .point_choice import (
     NO_CLAIM,
     likeliest,
@@ -43,7 +44,7 @@ from .point_choice import (
     shows_points,
     working_image,
 )
-from .point_search import Criteria, SearchImage, find_points, nothing_in
+from .point_search import SearchImage, find_points, nothing_in
 from .pose import Pose, residuals_px, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
 from .sun_check import MatchedPoints
@@ -66,43 +67,12 @@ _MOST_NEEDED = 1000  # points that a reason asks for
 _NOBODY = np.zeros(0, dtype=np.int64)
 
 
-@dataclass(frozen=True)
-class Options:
-    """Settings of the search. Pixels are those of the searched image, which may be a reduced one
-    (`point_choice.working_image`).
-    """
-
-    criteria: Criteria = field(default_factory=Criteria)
-    tolerance_px: float = 1.0  # of a match, in addition to 3 sigma of its own
-    sigmas: float = 3.0  # reach of the search in the stated uncertainty
-    least_reach_px: float = 16.0  # least reach, so that a wrong image can fail to agree
-    most_reach_px: float = 64.0  # beyond, a coarse offset of the whole image is found first
-    common_px: float = 0.0  # 1 sigma of an error common to all matches
-    most_first: int = 400  # points of the first search; if these do not agree, all are searched
-    second_reach_px: float = 6.0  # with the corrected sensor
-    passes: int = 4
-    most_sigmas: float = 4.0  # largest correction of the given sensor
-    check_sun: bool = True
-    whole_sun_check: bool = False  # also where a glance leaves no doubt (`MatchedPoints.glance`)
-    sun_reach_px: float = 3.0
-
-
-FAINT = Options(tolerance_px=1.5, criteria=Criteria(max_back_px=3.0, max_false_match=1.0))
-"""For low-contrast terrain: accept weak matches and rely on their mutual agreement, whose number of
-false alarms does not depend on the quality of single matches.
-"""
-
-
-USUAL = Uncertainty(position_m=1000.0, attitude_rad=math.radians(0.1))
-"""Uncertainty of a camera of which none is stated."""
-
-
 def locate(
     catalog: CatalogOrPath,
     image: Image | Path | str,
     uncertainty: Uncertainty | None = None,
     model: Reflectance | str = DEFAULT_MODEL,
-    options: Options = Options(),
+    options: Options = OPTIONS,
     *,
     camera: SensorOrPath | None = None,
 ) -> Fix:
@@ -120,7 +90,7 @@ def locate(
     model:
         Reflectance law of the renders, or its name.
     options:
-        Settings of the search; `matching.position_fix.FAINT` for low-contrast terrain.
+        Settings of the search; `matching.options.FAINT` for low-contrast terrain.
     camera:
         For the file of an image: its camera, or camera file; None: a map projection.
 

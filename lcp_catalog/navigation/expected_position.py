@@ -24,9 +24,9 @@ from ..landmarks.point_spread import sharper_sigma
 from ..light.sun_choice import SunChoice, SunStated
 from ..matching.common_errors import SharedTerrain, map_sigma_m, shadow_shift_m, untied
 from ..matching.joint_detection import JointDetection, joint_detection
+from ..matching.options import USUAL
 from ..matching.point_choice import LEAST_SIGMA_PX, shows_points
 from ..matching.pose import jacobian
-from ..matching.position_fix import USUAL
 from ..matching.search_area import none_in_view
 from .frame_points import CAUSES, FramePoints, PlannedImage, points_of_frames
 from .information import Information, best_points, dilution

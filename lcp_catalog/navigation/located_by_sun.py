@@ -5,7 +5,7 @@ A promise holds under every Sun of a cell: each point counts there with the wors
 same worst one. Here a moment has one Sun. Places, views and moments are drawn evenly: places of the promise whose footprint
 lies in the region (`WHOLE`), the catalogue's views, Suns by the time that they stand where the promise counts them. The camera
 has the cell as its pixel and sees as much ground as the footprint; its place is known to 1 km and its attitude to 0.1 deg
-(`position_fix.USUAL`), as `lcp query` takes them.
+(`options.USUAL`), as `lcp query` takes them.
 """
 
 from __future__ import annotations

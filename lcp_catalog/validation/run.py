@@ -36,10 +36,11 @@ from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.fix import CANNOT_SAY, LOCATED, Fix
 from ..matching.matches import SEARCHED, Matches
+from ..matching.options import FAINT, Options
 from ..matching.point_choice import points_in_view, searched_in, shows_points
 from ..matching.point_search import Criteria
 from ..matching.pose import PositionError, position_error
-from ..matching.position_fix import FAINT, Options, fix_in_area
+from ..matching.position_fix import fix_in_area
 from ..matching.search_area import perhaps_in_view
 from ..navigation.better_catalog import better_catalog
 from ..navigation.frame_points import PlannedImage
@@ -110,7 +111,7 @@ class Validation:
     ``bounce``: with light by way of other ground.
     ``environment``: an environment map as the light; points are searched for under
     one source in the middle of its light, windows are compared with renders under all of it. ``faint``: search
-    with the options `position_fix.FAINT`. ``fit_errors``: also fit the error model to the images
+    with the options `options.FAINT`. ``fit_errors``: also fit the error model to the images
     (`error_fit`). ``choose_encoding``: decode an image of 8 bits, opened as linear, if it fits better so
     (`encoding_check`).
     """

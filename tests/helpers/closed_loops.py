@@ -28,8 +28,9 @@ from lcp_catalog.geometry.frames import EnuFrame, azimuth_elevation, direction_e
 from lcp_catalog.geometry.sphere_intersection import hits
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.fix import LOCATED, Fix
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_search import find_points
-from lcp_catalog.matching.position_fix import Options, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.photometry.laws import DEFAULT_MODEL, Reflectance
 from lcp_catalog.rendering.request import Request, ViewChoice
 from lcp_catalog.simulation.detector import Detector

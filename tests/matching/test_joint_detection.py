@@ -26,7 +26,7 @@ from lcp_catalog.matching.joint_detection import (
     at_least_found,
     joint_detection,
 )
-from lcp_catalog.matching.position_fix import USUAL, Options
+from lcp_catalog.matching.options import USUAL, Options
 from lcp_catalog.navigation.documents import document
 from lcp_catalog.navigation.expected_position import Query, answers
 from lcp_catalog.navigation.frame_points import PlannedImage

@@ -24,8 +24,9 @@ from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.fix import BY_ALL_POINTS, BY_POINTS, CANNOT_SAY, LOCATED, NOT_HERE
 from lcp_catalog.matching.joint_offset import SHOWS, JointOffset, find_joint_offset
 from lcp_catalog.matching.matches import SEARCHED
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_choice import working_image
-from lcp_catalog.matching.position_fix import Options, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.search_area import CoarseShift, SearchArea, coarse_shift
 from lcp_catalog.matching.sun_check import with_sun
 from lcp_catalog.matching.sun_verdict import FAR_TURNS_DEG, SunCheck

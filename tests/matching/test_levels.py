@@ -23,6 +23,7 @@ from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.matches import Matches
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_choice import (
     at_one_scale,
     points_in_view,
@@ -31,7 +32,7 @@ from lcp_catalog.matching.point_choice import (
 )
 from lcp_catalog.matching.point_search import SearchImage, find_points
 from lcp_catalog.matching.pose import position_error
-from lcp_catalog.matching.position_fix import Options, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.validation import run
 from lcp_catalog.validation.run import ImageFiles, Validation
 

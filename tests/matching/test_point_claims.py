@@ -19,6 +19,7 @@ from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.landmarks.relief_signal import peak_height, probability_at
 from lcp_catalog.matching.fix import LOCATED
 from lcp_catalog.matching.matches import Matches
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_choice import (
     NO_CLAIM,
     PointClaims,
@@ -29,7 +30,7 @@ from lcp_catalog.matching.point_choice import (
     usable_points,
 )
 from lcp_catalog.matching.point_search import Criteria, find_points
-from lcp_catalog.matching.position_fix import Options, locate
+from lcp_catalog.matching.position_fix import locate
 
 ROWS = np.arange(49)
 

@@ -24,9 +24,10 @@ from lcp_catalog.matching import position_fix
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from lcp_catalog.matching.matches import CODE, REASONS, SEARCHED, Matches
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.pose import Pose, jacobian, position_error
-from lcp_catalog.matching.position_fix import Options, locate, nothing_in
+from lcp_catalog.matching.position_fix import locate, nothing_in
 from lcp_catalog.matching.search_area import CoarseShift, narrowed, perhaps_in_view
 
 QUICK = Options(check_sun=False)

@@ -21,9 +21,10 @@ from lcp_catalog.matching.common_errors import SharedTerrain
 from lcp_catalog.matching.consensus import Consensus
 from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from lcp_catalog.matching.matches import Matches
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_search import find_points
 from lcp_catalog.matching.pose import solve
-from lcp_catalog.matching.position_fix import Options, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.search_area import SearchArea
 from lcp_catalog.matching.sun_check import MatchedPoints
 from lcp_catalog.matching.sun_verdict import SunCheck

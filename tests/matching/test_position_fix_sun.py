@@ -15,9 +15,10 @@ from helpers.suns import far_light, light
 from lcp_catalog.catalog.catalogue import Catalog
 from lcp_catalog.images.image import Image
 from lcp_catalog.matching.fix import CANNOT_SAY, LOCATED
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_choice import PointClaims, points_in_view
 from lcp_catalog.matching.point_search import Criteria, FoundPlaces, SearchImage, find_points
-from lcp_catalog.matching.position_fix import Options, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.sun_check import MatchedPoints, with_sun
 from lcp_catalog.matching.sun_verdict import FAR_TURNS_DEG, SunCheck
 

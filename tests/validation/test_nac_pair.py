@@ -23,8 +23,9 @@ from lcp_catalog.images.image import Image
 from lcp_catalog.light.sun_choice import SunChoice
 from lcp_catalog.matching.fix import BY_POINTS, LOCATED, NOT_HERE
 from lcp_catalog.matching.joint_offset import find_joint_offset
+from lcp_catalog.matching.options import FAINT, Options
 from lcp_catalog.matching.point_choice import working_image
-from lcp_catalog.matching.position_fix import FAINT, Options, locate
+from lcp_catalog.matching.position_fix import locate
 from lcp_catalog.matching.search_area import SearchArea
 from lcp_catalog.photometry.laws import reflectance_model
 from lcp_catalog.validation.ground_comparison import compare

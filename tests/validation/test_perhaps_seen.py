@@ -18,8 +18,8 @@ from lcp_catalog.catalog.verification import open_catalog
 from lcp_catalog.catalog.writing import write_catalog
 from lcp_catalog.geometry.frames import EnuFrame
 from lcp_catalog.images.image import Image
+from lcp_catalog.matching.options import Options
 from lcp_catalog.matching.point_choice import points_in_view
-from lcp_catalog.matching.position_fix import Options
 from lcp_catalog.validation.run import _perhaps_seen
 
 
