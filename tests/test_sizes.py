@@ -43,7 +43,8 @@ BUDGETS = {
     # index as an input; 37: 80 budgets, switches; 38: 447 cameras, help and examples, silence, stages; 39: 90 flight files;
     # 33 took away 281
     "code lines, cli": 4179,
-    "words of docs": 45000,
+    # 45 000; 36: 275 regions in one pass and in two beside the strong pipeline, and what two passes cost
+    "words of docs": 45275,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
