@@ -31,6 +31,7 @@ from ..photometry.laws import DEFAULT_MODEL, Reflectance
 from .common_errors import SharedTerrain, map_sigma_m, shadow_shift_px
 from .consensus import SHARE_IF_HERE, Consensus, agree, agreeing
 from .fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
+from .fix_advice import advised
 from .joint_offset import JointOffset, find_joint_offset
 from .matches import CODE, SEARCHED, Matches, joined
 from .options import OPTIONS, USUAL, Options
@@ -122,7 +123,8 @@ def locate(
         )
     area = perhaps_in_view(catalog, image.sensor, uncertainty, options.sigmas)
     area = area.only(np.isin(area.points, searched_in(catalog, area.points, image)))
-    return fix_in_area(catalog, image, uncertainty, law, options, area)
+    fix = fix_in_area(catalog, image, uncertainty, law, options, area)
+    return advised(fix, catalog, image.sensor, uncertainty, options.sigmas)
 
 
 def fix_in_area(

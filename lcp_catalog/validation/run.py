@@ -35,6 +35,7 @@ from ..landmarks.error_model import ErrorModel
 from ..light.environment import Environment
 from ..light.sun_choice import SunChoice
 from ..matching.fix import CANNOT_SAY, LOCATED, Fix
+from ..matching.fix_advice import advised
 from ..matching.matches import SEARCHED, Matches
 from ..matching.options import FAINT, Options
 from ..matching.point_choice import points_in_view, searched_in, shows_points
@@ -50,7 +51,6 @@ from ..plots.pictures import PIXELS_MAX
 from ..stages import Progress, unseen
 from .advice import (
     EncodingCheck,
-    advised,
     albedo_advice,
     check_encoding,
     opposite_advice,
