@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,8 +36,48 @@ _STEPS = 25
 _TURNED_ROUND_RAD = 3.0  # a larger jump is a change of sign behind the camera
 
 
+class _Kind(Protocol):
+    """What each kind of scanner has of its own."""
+
+    @property
+    def middle_s(self) -> float:
+        """Time of the middle of the image."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the exposure of the first line to that of the last."""
+
+    @property
+    def exposures(self) -> Sequence[Self]:
+        """Scanners of the parts of the image whose rows are neighbours on the surface, in the order
+        of the image's rows: the framelets of a push-frame camera, all of a line scanner.
+        """
+
+    def divided(self, count: int) -> Sequence[Self]:
+        """Scanners of ``count`` or fewer parts of successive rows, with whole framelets, about equally
+        many in each.
+        """
+
+    def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
+        """The scanner of a window of the image (first row, row after the last, first column, column
+        after the last), which may lie beyond it, with each pixel divided into ``count`` x ``count``
+        equal parts. Of a push-frame camera: only with one framelet.
+        """
+
+    def around(self, margin_px: int) -> Self:
+        """The scanner of an image that extends by ``margin_px`` or more pixels beyond this one's
+        exposures on every side.
+        """
+
+    def _found(self, points: Array) -> tuple[Array, Array]:
+        """Pixels (n, 2) and times (n,) of points (n, 3)."""
+
+    def _lines(self, rows: Array) -> tuple[Array, Array]:
+        """Times (n,) and rows of ``plane`` (n,) of rows (n,)."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Scanner(FullSensor):
+class Scanner(FullSensor, _Kind):
     """Base of both kinds. ``trajectory`` takes MCMF to the axes of ``plane``: right, down, ahead."""
 
     corrections: ClassVar[tuple[str, ...]] = POSE
@@ -98,53 +138,9 @@ class Scanner(FullSensor):
         turned = frame.direction_from_mcmf(np.stack(axes, axis=1))
         return frame.from_mcmf(self.trajectory.positions(times)), looking @ turned
 
-    @property
-    def middle_s(self) -> float:
-        """Time of the middle of the image."""
-        raise NotImplementedError
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the exposure of the first line to that of the last."""
-        raise NotImplementedError
-
-    @property
-    def exposures(self) -> Sequence[Self]:
-        """Scanners of the parts of the image whose rows are neighbours on the surface, in the order
-        of the image's rows: the framelets of a push-frame camera, all of a line scanner.
-        """
-        raise NotImplementedError
-
-    def divided(self, count: int) -> Sequence[Self]:
-        """Scanners of ``count`` or fewer parts of successive rows, with whole framelets, about equally
-        many in each.
-        """
-        raise NotImplementedError
-
-    def part(self, window: tuple[int, int, int, int], count: int = 1) -> Self:
-        """The scanner of a window of the image (first row, row after the last, first column, column
-        after the last), which may lie beyond it, with each pixel divided into ``count`` x ``count``
-        equal parts. Of a push-frame camera: only with one framelet.
-        """
-        raise NotImplementedError
-
-    def around(self, margin_px: int) -> Self:
-        """The scanner of an image that extends by ``margin_px`` or more pixels beyond this one's
-        exposures on every side.
-        """
-        raise NotImplementedError
-
     def _towards(self, points: Array) -> Array:
         away = self.trajectory.positions(self._found(points)[1]) - points
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
-
-    def _found(self, points: Array) -> tuple[Array, Array]:
-        """Pixels (n, 2) and times (n,) of points (n, 3)."""
-        raise NotImplementedError
-
-    def _lines(self, rows: Array) -> tuple[Array, Array]:
-        """Times (n,) and rows of ``plane`` (n,) of rows (n,)."""
-        raise NotImplementedError
 
     def _exposed(self, pixels: Array) -> tuple[Array, Array]:
         """Times (n,) and pixels of ``plane`` (n, 2) of pixels (n, 2)."""

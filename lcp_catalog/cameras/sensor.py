@@ -129,6 +129,12 @@ class FullSensor:
         return within_image(pixels, self.shape)
 
 
+def middle_ray(sensor: Sensor) -> tuple[Array, Array]:
+    """Origin and direction (3,) of the ray through the middle of a sensor's image."""
+    rows, cols = sensor.shape
+    return sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+
+
 @dataclass(frozen=True, eq=False)
 class Reduced:
     """A sensor whose pixels are blocks of ``factor`` x ``factor`` pixels of another sensor.

@@ -20,7 +20,7 @@ from ..geometry.bounds import Bounds, enclosing_arc
 from ..geometry.frames import EnuFrame, direction_enu, mcmf_to_lonlat
 from .frame_camera import FARTHEST_M, Camera
 from .scanners import Scanner
-from .sensor import Sensor, pixel_size_m
+from .sensor import Sensor, middle_ray, pixel_size_m
 
 log = logging.getLogger(__name__)
 
@@ -133,9 +133,7 @@ class ScannerView(_ThroughImage):
     @cached_property
     def direction(self) -> Array:
         """Direction (3,) to the scanner from what the middle of its image shows."""
-        rows, cols = self.scanner.shape
-        _, middle = self.scanner.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
-        return np.asarray(-self.frame.direction_from_mcmf(middle))
+        return np.asarray(-self.frame.direction_from_mcmf(middle_ray(self.scanner)[1]))
 
     @cached_property
     def lowest_tangent(self) -> float:
@@ -189,11 +187,6 @@ def finest_pixel_m(sensor: Sensor) -> float:
     points = _on_sphere(*sensor.looks(share * sensor.shape[::-1] - 0.5))
     sizes = pixel_size_m(sensor, points)
     return float(sizes[np.isfinite(sizes)].min(initial=math.inf))
-
-
-def nadir_view() -> ParallelView:
-    """View straight down from infinity."""
-    return ParallelView(_UP.copy())
 
 
 def stated_direction(
@@ -317,16 +310,14 @@ def optical_axis(sensor: Sensor) -> tuple[Array, Array]:
     """
     if isinstance(sensor, Camera):
         return sensor.position_mcmf_m, sensor.rotation_mcmf_to_camera[2]
-    rows, cols = sensor.shape
-    return sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+    return middle_ray(sensor)
 
 
 def center_of(sensor: Sensor, path: Path | str = "") -> tuple[float, float]:
     """Longitude and latitude, degrees, of the point of the sphere at the image's centre; ImageError
     where the centre shows sky.
     """
-    rows, cols = sensor.shape
-    origin, direction = sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
+    origin, direction = middle_ray(sensor)
     nearest = -float(origin @ direction)
     half_chord = nearest**2 - float(origin @ origin) + MOON_RADIUS_M**2
     distance = nearest - math.sqrt(half_chord) if half_chord >= 0.0 else -math.inf

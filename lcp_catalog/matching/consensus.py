@@ -54,7 +54,6 @@ _FARTHEST = 5.0
 class Consensus:
     """The largest agreement among n matches, and the largest among the matches outside it."""
 
-    inliers: Mask  # (n,)
     pose: Pose | None  # None: no agreement
     log10_false_alarms: float
     rival_log10: float
@@ -104,13 +103,11 @@ def agree(
     )
     best, score = table.best()
     if best is None:
-        return Consensus(np.zeros(len(points), dtype=bool), None, score, score)
+        return Consensus(None, score, score)
     rest = table.only(~table.agreeing(best.sensor, 2.0 * GATE))
-    inliers = np.zeros(len(points), dtype=bool)
-    inliers[valid] = best.used
-    residual = residuals_px(best.sensor, points, found)
-    pose = replace(best, used=inliers, residual_px=residual)
-    return Consensus(inliers, pose, score, rest.best()[1])
+    used = np.zeros(len(points), dtype=bool)
+    used[valid] = best.used
+    return Consensus(replace(best, used=used), score, rest.best()[1])
 
 
 def agreeing(

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arrays import Array, Mask
 from ..cameras.frame_camera import Camera
-from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, pixel_size_m
+from ..cameras.sensor import POSE, Sensor, Uncertainty, mean_step, middle_ray, pixel_size_m
 from ..errors import CameraError, PoseError
 from .common_errors import SharedTerrain
 
@@ -55,7 +55,6 @@ class Pose:
     covariance: Array  # (k, k)
     solved: Mask  # (k,)
     used: Mask  # (n,)
-    residual_px: Array  # (n, 2) found minus projected by the corrected sensor; of all, used or not
     chi2: float  # of the used points' residuals, with their own covariances
     dof: float  # its expectation: 2 per point, less the unknowns that the points decided
 
@@ -81,7 +80,7 @@ class Pose:
         """
         if self.sensor.corrections != POSE:
             raise ValueError(f"{self.sensor.name}: a map-projected image has no position")
-        return _middle_ray(self.sensor)[0]
+        return middle_ray(self.sensor)[0]
 
     @property
     def position_covariance_m2(self) -> Array:
@@ -195,7 +194,6 @@ def solve(
         + problem.shared(last, shared),
         solved=problem.sigmas > 0.0,
         used=problem.used,
-        residual_px=residuals_px(corrected, points_mcmf_m, found_px),
         chi2=first.chi2,
         dof=first.dof,
     )
@@ -231,14 +229,8 @@ def _steps(sensor: Sensor, points: Array) -> Array:
         raise PoseError(f"{sensor.name}: none of the {len(points)} points lies in front of it")
     if sensor.corrections != POSE:
         return np.full(len(sensor.corrections), STEP_PX * ground_m)
-    range_m = float(np.median(np.linalg.norm(points - _middle_ray(sensor)[0], axis=-1)))
+    range_m = float(np.median(np.linalg.norm(points - middle_ray(sensor)[0], axis=-1)))
     return np.repeat([STEP_PX * ground_m, STEP_PX * ground_m / range_m], 3)
-
-
-def _middle_ray(sensor: Sensor) -> tuple[Array, Array]:
-    """Origin and direction (3,) of the ray through the middle of a sensor's image."""
-    rows, cols = sensor.shape
-    return sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])
 
 
 def _problem(
@@ -453,7 +445,7 @@ def position_error(pose: Pose, known: Sensor) -> PositionError:
     """Difference between a solved position and the known one; for a scanner at its middle line.
     ValueError for a map-projected image, which has no position.
     """
-    position, ahead = _middle_ray(known)
+    position, ahead = middle_ray(known)
     off, covariance = pose.position_mcmf_m - position, pose.position_covariance_m2
     along = float(off @ ahead)
     variance = float(ahead @ covariance @ ahead)

@@ -46,7 +46,7 @@ from .point_choice import (
     working_image,
 )
 from .point_search import SearchImage, find_points, nothing_in
-from .pose import Pose, residuals_px, solve
+from .pose import Pose, solve
 from .search_area import SearchArea, narrowed, none_in_view, perhaps_in_view
 from .sun_check import MatchedPoints
 from .sun_verdict import FAR_TURNS_DEG, TURNS_DEG, SunCheck, near_or_far
@@ -422,8 +422,7 @@ class _FixSearch:
         ground, found, covariance = self.places(matches)
         tolerance = self.tolerances_px(matches.point)
         used = agreeing(whole.pose.sensor, ground, found, covariance, tolerance)
-        residual = residuals_px(whole.pose.sensor, ground, found)
-        pose = replace(whole.pose, used=used, residual_px=residual)
+        pose = replace(whole.pose, used=used)
         reason = f"{shows}; {used.sum()} of {len(matches)} points agree with it by themselves"
         return Fix.scored(LOCATED, reason, matches.agreeing(used), whole, pose, whole.sun)
 

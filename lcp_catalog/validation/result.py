@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._version import __version__
 from ..arrays import AnyArray, Array
-from ..cameras.sensor import ON_MAP
+from ..cameras.sensor import ON_MAP, middle_ray
 from ..catalog.summary import percent
 from ..matching.fix import CANNOT_SAY, LOCATED, NOT_HERE, Fix
 from ..matching.matches import CODE, Matches
@@ -148,8 +148,7 @@ class PoseFigures:
         """Position (3,) of the corrected camera, of a scanner at its middle line; None for a map."""
         if self.pose.sensor.corrections == ON_MAP:
             return None
-        rows, cols = self.pose.sensor.shape
-        return self.pose.sensor.looks([(cols - 1) / 2.0, (rows - 1) / 2.0])[0]
+        return middle_ray(self.pose.sensor)[0]
 
     def figures(self) -> dict[str, Any]:
         """``pose`` in ``report.json``. `position_sigma_m` is the root of the sum of the position

@@ -17,7 +17,6 @@ from lcp_catalog.cameras.view import (
     camera_view,
     footprint,
     looking_camera,
-    nadir_view,
     oblique_view,
     slant_range_m,
 )
@@ -306,7 +305,7 @@ def test_a_camera_that_looks_away():
 
 
 def test_views():
-    assert nadir_view().direction.tolist() == [0, 0, 1]
+    assert oblique_view(0.0, 0.0).direction.tolist() == [0, 0, 1]
     far = oblique_view(30.0, 90.0)
     assert far.direction == pytest.approx([0.5, 0.0, np.sqrt(0.75)])
     near = oblique_view(30.0, 90.0, 50e3)

@@ -82,8 +82,8 @@ def on_map() -> Pose:
     """A map moved by 3 m east and 4 m south."""
     sensor: Any = SimpleNamespace(corrections=ON_MAP)  # a pose asks no more of its sensor
     covariance = np.array([[4.0, 1.0], [1.0, 9.0]])
-    yes, none = np.ones(2, dtype=bool), np.empty((0, 2))
-    return Pose(sensor, np.array([3.0, -4.0]), covariance, yes, yes, none, 5.0, 4.0)
+    yes = np.ones(2, dtype=bool)
+    return Pose(sensor, np.array([3.0, -4.0]), covariance, yes, yes, 5.0, 4.0)
 
 
 def pictures(rows: int = 96, cols: int = 128, seed: int = 0) -> Pictures:

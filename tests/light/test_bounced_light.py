@@ -10,7 +10,7 @@ import rasterio
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.approximations import APPROXIMATIONS
-from lcp_catalog.cameras.view import nadir_view
+from lcp_catalog.cameras.view import oblique_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light import bounced_light
 from lcp_catalog.light.bounced_light import SHOWS, bounced_at_points, bounced_bound, bounced_sample
@@ -46,7 +46,7 @@ def crater(depth_m=700.0):
 
 def dark_nodes(terrain):
     """Points and normals of the nodes that the Sun does not reach."""
-    shot = render_enu(terrain, Lighting.of_sun(SUN), nadir_view(), Method(model=LAMBERT))
+    shot = render_enu(terrain, Lighting.of_sun(SUN), oblique_view(0.0, 0.0), Method(model=LAMBERT))
     dark = np.isfinite(shot.radiance) & (shot.sunlit == 0.0)
     points = nodes_enu(terrain.field, terrain.core)[dark]
     return dark, points, terrain.field.normals()[dark].astype(np.float64)
@@ -262,7 +262,7 @@ def test_bright_ground_reflects_more_and_the_bound_holds():
 
 
 def plan_of(terrain, choice, tier):
-    light, view = Lighting.of_sun(SUN), nadir_view()
+    light, view = Lighting.of_sun(SUN), oblique_view(0.0, 0.0)
     sample = bounced_sample(terrain, light, UP, LAMBERT) if choice != "off" else None
     words, bound = decisions.LightWords.of(light), bounced_bound(terrain.field, LAMBERT)
     decided = decisions.bounced_light(choice, words, bound, sample, 0.25, SHOWS[tier])
@@ -284,7 +284,7 @@ def test_the_plan_models_what_shows(depth_m, choice, tier, modelled):
     decided, plan = plan_of(terrain, choice, tier)
     assert plan.bounces is decided.modelled is modelled
     how = {"model": LAMBERT, "accuracy": TIERS["standard"], "plan": plan}
-    shot = render_enu(terrain, light, nadir_view(), Method(**how))
+    shot = render_enu(terrain, light, oblique_view(0.0, 0.0), Method(**how))
     dark, points, normals = dark_nodes(terrain)
     bounced = bounced_at_points(
         terrain, light, SurfacePoints(points, normals, UP), LAMBERT, TIERS["standard"]
@@ -296,6 +296,6 @@ def test_the_plan_models_what_shows(depth_m, choice, tier, modelled):
         assert (shot.radiance[dark] == 0.0).all()
         assert bounced.max(initial=0.0) <= decided.error_bound
     plain = render_enu(
-        terrain, light, nadir_view(), Method(model=LAMBERT, accuracy=TIERS["standard"])
+        terrain, light, oblique_view(0.0, 0.0), Method(model=LAMBERT, accuracy=TIERS["standard"])
     )
     assert (shot.radiance[~dark] == plain.radiance[~dark]).all()

@@ -11,7 +11,7 @@ from helpers.environment_maps import Lamp, cie_sky, directions, room, uniform
 from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import CameraView, ParallelView, looking_camera, nadir_view
+from lcp_catalog.cameras.view import CameraView, ParallelView, looking_camera, oblique_view
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.environment_map import Panorama
 from lcp_catalog.light.sky_sampling import (
@@ -51,7 +51,7 @@ def even(rows=64):
 
 def lit(z, panorama=None, model=LAMBERT, tier="standard", view=None, **how):
     return sky_at_nodes(
-        make(z, **how), panorama or even(), view or nadir_view(), model, TIERS[tier]
+        make(z, **how), panorama or even(), view or oblique_view(0.0, 0.0), model, TIERS[tier]
     )
 
 
@@ -152,7 +152,7 @@ def skies():
 
 def many_samples(terrain, sky, counts, shadows):
     tier = replace(TIERS["reference"], sky_directions=counts, sky_tier=shadows)
-    return sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, tier)
+    return sky_at_nodes(terrain, sky, oblique_view(0.0, 0.0), LOMMEL, tier)
 
 
 def rms(found, best):
@@ -168,7 +168,7 @@ def test_the_stated_error(sky):
     terrain = make(cratered(96, GSD, seed=11))
     best = many_samples(terrain, sky, (256, 32), "draft")
     for tier in ("draft", "standard"):
-        found = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS[tier])
+        found = sky_at_nodes(terrain, sky, oblique_view(0.0, 0.0), LOMMEL, TIERS[tier])
         assert rms(found, best) < TIERS[tier].sky_rms
     exact = many_samples(terrain, sky, TIERS["standard"].sky_directions, "high")
     assert rms(found, exact) < 0.002
@@ -181,7 +181,7 @@ def test_the_stated_error_of_exact_tiers(sky, seed):
     terrain = make(cratered(128, GSD, seed=seed))
     best = many_samples(terrain, sky, (512, 32), "high")
     for tier in TIERS:
-        found = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS[tier])
+        found = sky_at_nodes(terrain, sky, oblique_view(0.0, 0.0), LOMMEL, TIERS[tier])
         assert rms(found, best) < TIERS[tier].sky_rms
 
 
@@ -249,7 +249,9 @@ def test_nodata_and_unseen_nodes():
     assert np.isnan(found[10:12, 5:9]).all()
     assert np.isfinite(found[20:]).all()
     light = Lighting.of_panorama(split_sources(uniform(16)))
-    whole = render_enu(make(z), light, nadir_view(), Method(model=LAMBERT, accuracy=TIERS["draft"]))
+    whole = render_enu(
+        make(z), light, oblique_view(0.0, 0.0), Method(model=LAMBERT, accuracy=TIERS["draft"])
+    )
     assert np.isnan(whole.radiance[~whole.visible]).all()
     assert (whole.radiance[whole.visible] > 0).all()
 
@@ -280,7 +282,9 @@ def test_a_cameras_pixels_agree_with_the_nodes():
     towards = np.tile([0.0, 0.0, 1.0], (len(points), 1))
     at, standard = SurfacePoints(points, normals, towards), TIERS["standard"]
     at_points = sky_at_points(terrain, sky, at, LOMMEL, standard)
-    at_nodes = sky_at_nodes(terrain, sky, nadir_view(), LOMMEL, TIERS["standard"])[rows, cols]
+    at_nodes = sky_at_nodes(terrain, sky, oblique_view(0.0, 0.0), LOMMEL, TIERS["standard"])[
+        rows, cols
+    ]
     # the window is a ring of cells around the points; drafts of different windows differ slightly
     assert at_points == pytest.approx(at_nodes, rel=0.02)
     assert np.abs(at_points / at_nodes - 1).mean() < 2e-3

@@ -10,7 +10,7 @@ from helpers.synthetic import cratered
 
 from lcp_catalog.accuracy import TIERS
 from lcp_catalog.cameras.frame_camera import camera_from_json
-from lcp_catalog.cameras.view import looking_camera, nadir_view, oblique_view
+from lcp_catalog.cameras.view import looking_camera, oblique_view
 from lcp_catalog.constants import ASTRONOMICAL_UNIT_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.ephemeris.limb_darkening import LimbDarkening
 from lcp_catalog.errors import SunError
@@ -77,7 +77,7 @@ def test_a_panorama_of_one_small_sun_is_that_sun(craters, frame, tier, name):
     how = {"model": reflectance_model(name), "accuracy": TIERS[tier]}
     if frame == "enu":
         found, expected = (
-            render_enu(craters, one, nadir_view(), Method(**how)) for one in (light, sun)
+            render_enu(craters, one, oblique_view(0.0, 0.0), Method(**how)) for one in (light, sun)
         )
     else:
         camera = looking_camera(craters.frame, direction_enu(0, 70) * 2e4, GSD, (800.0, 800.0))
@@ -139,8 +139,8 @@ def test_a_floor_in_shadow_is_seen_by_the_earth():
     model = reflectance_model("lambert")
     light = Lighting.of_sun(to_sun)
     how = {"model": model, "accuracy": TIERS["high"]}
-    sun = render_enu(terrain, light, nadir_view(), Method(**how))
-    both = render_enu(terrain, light.with_source(earth), nadir_view(), Method(**how))
+    sun = render_enu(terrain, light, oblique_view(0.0, 0.0), Method(**how))
+    both = render_enu(terrain, light.with_source(earth), oblique_view(0.0, 0.0), Method(**how))
     floor = (slice(26, 35), slice(26, 35))
     assert (sun.radiance[floor] == 0.0).all()
     assert (both.sunlit == sun.sunlit).all()
@@ -161,7 +161,7 @@ def test_a_sun_below_the_horizon_lights_no_border(frame):
     night, only = Lighting((sun, earth)), Lighting((earth,))
     if frame == "enu":
         found, expected = (
-            render_enu(terrain, one, nadir_view(), Method(**how)) for one in (night, only)
+            render_enu(terrain, one, oblique_view(0.0, 0.0), Method(**how)) for one in (night, only)
         )
     else:
         camera = looking_camera(terrain.frame, [0.0, 0.0, 1e4], GSD, (900.0, 900.0))
@@ -172,7 +172,7 @@ def test_a_sun_below_the_horizon_lights_no_border(frame):
     assert found.radiance[seen] == pytest.approx(expected.radiance[seen], rel=1e-6)
     assert (found.sunlit == 0).all()
     with pytest.raises(SunError, match=r"the Sun is .* deg below"):
-        render_enu(terrain, Lighting((sun,)), nadir_view(), Method(**how))
+        render_enu(terrain, Lighting((sun,)), oblique_view(0.0, 0.0), Method(**how))
 
 
 def test_sources_above_the_horizon(craters):
@@ -196,7 +196,7 @@ def test_an_overcast_sky_has_a_first_source():
     assert light.first.irradiance == 0.0
     assert light.sky.power_above == pytest.approx(1.0)
     found = render_enu(
-        make(np.zeros((5, 5))), light, nadir_view(), Method(accuracy=TIERS["standard"])
+        make(np.zeros((5, 5))), light, oblique_view(0.0, 0.0), Method(accuracy=TIERS["standard"])
     )
     assert (found.sunlit == 0.0).all()
     assert (found.radiance > 0.0).all()
@@ -324,8 +324,8 @@ def test_a_cameras_own_sun_and_time():
 def test_one_sun_equals_a_bare_direction(craters):
     """A `Lighting` of one Sun and a direction alone give the same bits."""
     direction = direction_enu(77, 8)
-    one = render_enu(craters, Lighting.of_sun(direction), nadir_view())
-    other = render_enu(craters, direction, nadir_view())
+    one = render_enu(craters, Lighting.of_sun(direction), oblique_view(0.0, 0.0))
+    other = render_enu(craters, direction, oblique_view(0.0, 0.0))
     for field in dataclasses.fields(one):
         a, b = getattr(one, field.name), getattr(other, field.name)
         assert (a is None and b is None) or np.array_equal(a, b, equal_nan=True)

@@ -117,7 +117,6 @@ def test_what_single_points_do_not_show_all_of_them_do() -> None:
     assert answer.pose.used.sum() < 20
     place = answer.pose.sensor.project(points().position_mcmf[answer.matches.point])
     residual = (answer.matches.found_px - place)[answer.pose.used]
-    np.testing.assert_allclose(answer.pose.residual_px[answer.pose.used], residual)
     assert np.hypot(*residual.T).max() < 15.0
 
 
@@ -420,7 +419,7 @@ def test_a_shift_that_showed_at_a_coarse_scale_is_not_forgotten(
     """Far off, the coarse offset is found first; if the points then agree on nothing, the place is
     not refuted.
     """
-    nobody = Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
+    nobody = Consensus(None, 0.0, 0.0)
     monkeypatch.setattr(position_fix, "agree", lambda *_, **__: nobody)
     monkeypatch.setattr(position_fix, "find_joint_offset", lambda *_, **__: None)
     far, known = Uncertainty(9000.0, 0.009), overhead()

@@ -189,7 +189,7 @@ def test_tolerances_are_in_the_searched_photographs_pixels(
 
     def listen(*_: object, **options: float) -> Consensus:
         asked.update(options)
-        return Consensus(np.zeros(0, dtype=bool), None, 0.0, 0.0)
+        return Consensus(None, 0.0, 0.0)
 
     monkeypatch.setattr("lcp_catalog.matching.position_fix.agree", listen)
     camera = overhead(pixel_m=100.0, size_px=400)

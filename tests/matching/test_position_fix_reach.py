@@ -118,7 +118,7 @@ def narrowed_to(
         }
         return Matches(**rows | {"point": points, "code": np.full(count, 7, np.uint8)})
 
-    said = Consensus(np.zeros(0, dtype=bool), None, -40.0, -39.0)
+    said = Consensus(None, -40.0, -39.0)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.narrowed", narrow)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.find_points", nowhere)
     monkeypatch.setattr("lcp_catalog.matching.position_fix.agree", lambda *_, **__: said)

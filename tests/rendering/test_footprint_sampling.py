@@ -12,7 +12,7 @@ import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcp_catalog.cameras.view import looking_camera, nadir_view
+from lcp_catalog.cameras.view import looking_camera, oblique_view
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry import sphere_intersection
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu, lonlat_to_mcmf, mcmf_to_lonlat
@@ -216,7 +216,7 @@ def test_nodes_take_the_same_factors(wavy):
     """The same at nodes; those seen edge-on in the plane cover more of the surface."""
     frame = EnuFrame(20.0, -70.0)
     window = NodeWindow(-30, 31, -30, 31)
-    how = (frame, window, 55e3, Lighting.of_sun(direction_enu(0, 90)), nadir_view())
+    how = (frame, window, 55e3, Lighting.of_sun(direction_enu(0, 90)), oblique_view(0.0, 0.0))
     plain, mapped = (render_sphere_enu(*how, model=LAMBERT, albedo=a) for a in (None, wavy))
     y, x = np.meshgrid(30 - np.arange(61), np.arange(61) - 30, indexing="ij")
     z = np.sqrt(np.maximum(R**2 - (x**2 + y**2) * 55e3**2, 0.0)) - R
@@ -238,7 +238,7 @@ def test_where_the_map_has_nothing_the_factor_is_one(tmp_path):
         NodeWindow(-9, 10, -9, 10),
         30e3,
         Lighting.of_sun(direction_enu(0, 90)),
-        nadir_view(),
+        oblique_view(0.0, 0.0),
     )
     plain, mapped = (render_sphere_enu(*how, albedo=a).radiance for a in (None, ground))
     assert mapped[:8] == pytest.approx(3.0 * plain[:8], rel=1e-3)

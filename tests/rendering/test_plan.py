@@ -10,7 +10,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import CameraView, nadir_view, oblique_view
+from lcp_catalog.cameras.view import CameraView, oblique_view
 from lcp_catalog.constants import HIGHEST_M, MOON_RADIUS_M, SOLAR_RADIUS_RAD
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
@@ -52,7 +52,9 @@ def test_a_sun_above_the_bound_needs_no_terrain_beyond():
     assert decision.unit == "deg of the horizon"
     for above, changed in ((0.01, False), (-1.0, True)):
         sun = direction_enu(90.0, decision.error_bound + above)
-        short, full = (render_enu(t, sun, nadir_view()).sunlit for t in (area, everything))
+        short, full = (
+            render_enu(t, sun, oblique_view(0.0, 0.0)).sunlit for t in (area, everything)
+        )
         assert bool((short != full).any()) == changed
 
 
@@ -121,7 +123,7 @@ def test_the_ends_of_the_world(terrain, sun, where, tier, disc):
         "ground": CameraView(here + np.array([0, 0, 1.0])),
         "node": CameraView(here),
         "far": CameraView(direction_enu(30.0, 50.0) * 1e9),
-        "zenith": nadir_view(),
+        "zenith": oblique_view(0.0, 0.0),
         "oblique": oblique_view(60.0, 200.0),
     }[where]
     to_sun = direction_enu(*sun)

@@ -20,7 +20,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import looking_camera, nadir_view
+from lcp_catalog.cameras.view import looking_camera, oblique_view
 from lcp_catalog.constants import SOLAR_RADIUS_RAD
 from lcp_catalog.errors import SunError
 from lcp_catalog.geometry.frames import direction_enu
@@ -62,7 +62,7 @@ def test_a_disc_left_out_below_its_limb_was_whole(terrain, azimuth, above):
     elevation = math.atan(steepest) + SOLAR_RADIUS_RAD
     assume(elevation < math.pi / 2)
     sun = direction_enu(azimuth, math.degrees(elevation))
-    plan, short, full = both(terrain, sun, nadir_view(), disc=True)
+    plan, short, full = both(terrain, sun, oblique_view(0.0, 0.0), disc=True)
     assert not plan.solar_disc.modelled
     assert not plan.cast_shadows.modelled
     assert plan.solar_disc.error_bound == 0.0
@@ -71,7 +71,7 @@ def test_a_disc_left_out_below_its_limb_was_whole(terrain, azimuth, above):
         assert not terrain.field.occluded_nodes(direction, terrain.core).any()
     tangent = steepness(terrain.field).tangent
     lower = direction_enu(azimuth, math.degrees(math.atan(tangent) + 0.999 * SOLAR_RADIUS_RAD))
-    decided = plan_scene(terrain, lower, nadir_view(), disc=True)
+    decided = plan_scene(terrain, lower, oblique_view(0.0, 0.0), disc=True)
     if tangent > 1e-3:
         assert decided.solar_disc.modelled
         assert decided.cast_shadows.modelled
@@ -83,7 +83,7 @@ def test_the_discs_lower_limb_is_where_it_begins():
     terrain, flank = make(z), math.degrees(math.atan(8.0 / GSD))
     for above_deg, cut in ((0.2, True), (0.3, False)):  # a radius of 0.267 deg
         sun = direction_enu(90.0, flank + above_deg)
-        plan, short, full = both(terrain, sun, nadir_view(), disc=True)
+        plan, short, full = both(terrain, sun, oblique_view(0.0, 0.0), disc=True)
         assert plan.solar_disc.modelled == plan.cast_shadows.modelled == cut
         assert bool(((full.sunlit > 0) & (full.sunlit < 1))[1:-1, 10:19].any()) == cut
         same(short, full)
@@ -114,14 +114,14 @@ def test_a_narrow_penumbra_is_left_out_near_shadows_edges_only(elevation, pixels
     stated = penumbra_px(relief(terrain), sun, GSD)
     edge = float(height) * cot[1] / GSD
     assume(float(height) / GSD > math.tan(math.radians(elevation)))
-    plan, short, full = both(terrain, sun, nadir_view(), accuracy, disc=True)
+    plan, short, full = both(terrain, sun, oblique_view(0.0, 0.0), accuracy, disc=True)
     assert stated == pytest.approx(float(height) * (cot[0] - cot[2]) / GSD, rel=1e-9)
     assert plan.solar_disc.modelled == (stated > PENUMBRA_PX)
     differ = np.abs(short.sunlit - full.sunlit)
     assert differ.max() <= plan.solar_disc.error_bound
     off = np.abs((width - 3) - np.arange(width) - edge)
     assert differ[2][off > stated].max(initial=0.0) < 1e-6  # the disc's flux is a sum of strips
-    exact = plan_scene(terrain, sun, nadir_view(), accuracy=TIERS["high"], disc=True)
+    exact = plan_scene(terrain, sun, oblique_view(0.0, 0.0), accuracy=TIERS["high"], disc=True)
     assert exact.solar_disc.modelled
 
 
@@ -134,10 +134,11 @@ def test_a_narrow_penumbra_is_left_out_near_shadows_edges_only(elevation, pixels
 def test_a_point_sun_is_wrong_only_where_the_disc_is_cut(terrain, azimuth, elevation):
     """Nodes that see all or nothing of the rim of a slightly larger disc are exact."""
     sun = direction_enu(azimuth, elevation)
-    plan = plan_scene(terrain, sun, nadir_view())
+    plan = plan_scene(terrain, sun, oblique_view(0.0, 0.0))
     assert not plan.solar_disc.modelled
     point, disc = (
-        render_enu(terrain, sun, nadir_view(), Method(disc=d)).sunlit for d in (False, True)
+        render_enu(terrain, sun, oblique_view(0.0, 0.0), Method(disc=d)).sunlit
+        for d in (False, True)
     )
     rays = rim(sun, 1.05, 64)  # their chords stay outside of the disc
     blocked = sum(terrain.field.occluded_nodes(d, terrain.core).astype(int) for d in rays)
@@ -155,7 +156,9 @@ def test_a_disc_lights_by_its_share(frame):
 
     def render(disc, accuracy=TIERS["high"]):
         if frame == "nodes":
-            return render_enu(terrain, sun, nadir_view(), Method(disc=disc, accuracy=accuracy))
+            return render_enu(
+                terrain, sun, oblique_view(0.0, 0.0), Method(disc=disc, accuracy=accuracy)
+            )
         return render_camera(terrain, camera, sun, Method(disc=disc, accuracy=accuracy))
 
     disc, point = render(True), render(False)
@@ -173,10 +176,14 @@ def test_part_of_the_disc_is_a_sun():
     terrain = make(np.zeros((9, 9)))
     for elevation, disc, up in ((-0.2, True, True), (-0.2, False, False), (-0.4, True, False)):
         if up:
-            render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), Method(disc=disc))
+            render_enu(
+                terrain, direction_enu(10.0, elevation), oblique_view(0.0, 0.0), Method(disc=disc)
+            )
             continue
         with pytest.raises(SunError, match="below the horizon"):
-            render_enu(terrain, direction_enu(10.0, elevation), nadir_view(), Method(disc=disc))
+            render_enu(
+                terrain, direction_enu(10.0, elevation), oblique_view(0.0, 0.0), Method(disc=disc)
+            )
 
 
 @pytest.mark.parametrize(("name", "scale"), [("lambert", 0.12), ("lommel-seeliger", 0.0525)])

@@ -26,7 +26,7 @@ from lcp_catalog.cameras.view import (
     ParallelView,
     camera_view,
     looking_camera,
-    nadir_view,
+    oblique_view,
 )
 from lcp_catalog.geometry.frames import direction_enu
 from lcp_catalog.rendering.plan import plan_scene
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 def test_shadows_left_out_were_none(terrain, azimuth, above):
     steepest = steepness(terrain.field).tangent
     sun = towards(azimuth, max(steepest, 1e-3) * (1 + above))
-    plan, short, full = both(terrain, sun, nadir_view())
+    plan, short, full = both(terrain, sun, oblique_view(0.0, 0.0))
     assert not plan.cast_shadows.modelled
     assert plan.cast_shadows.error_bound == 0.0
     same(short, full)
@@ -51,7 +51,7 @@ def test_shadows_left_out_were_none(terrain, azimuth, above):
 def test_a_sun_as_low_as_the_steepest_slope_has_shadows_modelled(terrain, azimuth, below):
     steepest = steepness(terrain.field).tangent
     sun = towards(azimuth, steepest * (1 - below))
-    plan = plan_scene(terrain, sun, nadir_view())
+    plan = plan_scene(terrain, sun, oblique_view(0.0, 0.0))
     assert plan.cast_shadows.modelled
     assert plan_scene(terrain, sun, ParallelView(sun)).occlusion.modelled
 
@@ -104,7 +104,7 @@ def test_the_steepest_slope_is_where_it_begins(share):
     ray = towards(90.0, 8.0 / GSD * share)
     terrain = make(z)
     for sun, view, effect in (
-        (ray, nadir_view(), "cast_shadows"),
+        (ray, oblique_view(0.0, 0.0), "cast_shadows"),
         (direction_enu(0.0, 89.0), ParallelView(ray), "occlusion"),
     ):
         plan, short, full = both(terrain, sun, view)

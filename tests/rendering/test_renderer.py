@@ -12,7 +12,6 @@ from lcp_catalog.cameras.view import (
     CameraView,
     camera_view,
     looking_camera,
-    nadir_view,
     oblique_view,
 )
 from lcp_catalog.errors import CameraError, SunError
@@ -77,7 +76,7 @@ def test_a_walls_shadow_is_as_long_as_the_textbook_says(azimuth, step):
         z[middle] = height
     else:
         z[:, middle] = height
-    result = render_enu(make(z), direction_enu(azimuth, elevation), nadir_view())
+    result = render_enu(make(z), direction_enu(azimuth, elevation), oblique_view(0.0, 0.0))
     line = result.sunlit[:, 40] > 0 if step[0] else result.sunlit[40] > 0
     away = np.arange(81) - middle
     length = height / np.tan(np.radians(elevation)) / GSD
@@ -122,10 +121,10 @@ def test_north_and_south_are_alike():
 def test_lit_slopes_face_the_sun():
     y, x = np.mgrid[0:41, 0:41] - 20.0
     dome = make(100.0 * np.exp(-(x**2 + y**2) / 50.0))
-    result = render_enu(dome, direction_enu(90.0, 30.0), nadir_view())
+    result = render_enu(dome, direction_enu(90.0, 30.0), oblique_view(0.0, 0.0))
     assert result.radiance[20, 25] > result.radiance[0, 0] > result.radiance[20, 15]
     bowl = make(-100.0 * np.exp(-(x**2 + y**2) / 50.0))
-    result = render_enu(bowl, direction_enu(90.0, 30.0), nadir_view())
+    result = render_enu(bowl, direction_enu(90.0, 30.0), oblique_view(0.0, 0.0))
     assert result.radiance[20, 25] < result.radiance[0, 0] < result.radiance[20, 15]
 
 
@@ -135,7 +134,11 @@ def test_nodata_is_never_rendered():
     terrain = make(z)
     camera = looking_camera(terrain.frame, [0, 0, 3000.0], GSD, (1400.0, 1100.0))
     sun = direction_enu(100.0, 40.0)
-    for view in (nadir_view(), oblique_view(50.0, 300.0), camera_view(camera, terrain.frame)):
+    for view in (
+        oblique_view(0.0, 0.0),
+        oblique_view(50.0, 300.0),
+        camera_view(camera, terrain.frame),
+    ):
         result = render_enu(terrain, sun, view)
         hole = np.isnan(terrain.field.z_m)
         assert not result.sunlit[hole].any()
@@ -163,9 +166,12 @@ def test_dark_is_zero_and_unseen_is_nan():
 
 def test_without_cast_shadows_attached_ones_stay():
     terrain, sun = make(hills()), direction_enu(100.0, 8.0)
-    full = render_enu(terrain, sun, nadir_view())
+    full = render_enu(terrain, sun, oblique_view(0.0, 0.0))
     attached = render_enu(
-        terrain, sun, nadir_view(), Method(plan=without_shadows(terrain, sun, nadir_view()))
+        terrain,
+        sun,
+        oblique_view(0.0, 0.0),
+        Method(plan=without_shadows(terrain, sun, oblique_view(0.0, 0.0))),
     )
     assert (attached.sunlit == (attached.incidence_deg < 90)).all()
     assert (full.sunlit <= attached.sunlit).all()
@@ -178,10 +184,10 @@ def test_holes_forbid_leaving_effects_out():
     z[:, 12:] = 500.0
     z[:, 10:12] = np.nan  # a step that no facet shows
     terrain = make(z)
-    plan = plan_scene(terrain, direction_enu(90.0, 20.0), nadir_view())
+    plan = plan_scene(terrain, direction_enu(90.0, 20.0), oblique_view(0.0, 0.0))
     assert steepness(terrain.field).tangent == 0.0
     assert plan.cast_shadows.modelled
-    lit = render_enu(terrain, direction_enu(90.0, 20.0), nadir_view()).sunlit
+    lit = render_enu(terrain, direction_enu(90.0, 20.0), oblique_view(0.0, 0.0)).sunlit
     assert not lit[10, 5]
 
 
@@ -282,9 +288,11 @@ def test_only_the_area_is_drawn_but_all_terrain_hides():
     z[:, 60] = 200.0  # a wall outside the core
     whole, part = make(z), make(z, core=(20, 60, 20, 50))
     sun = direction_enu(90.0, 20.0)
-    nodes = render_enu(part, sun, nadir_view())
+    nodes = render_enu(part, sun, oblique_view(0.0, 0.0))
     assert nodes.sunlit.shape == (40, 30)
-    assert np.array_equal(nodes.sunlit, render_enu(whole, sun, nadir_view()).sunlit[20:60, 20:50])
+    assert np.array_equal(
+        nodes.sunlit, render_enu(whole, sun, oblique_view(0.0, 0.0)).sunlit[20:60, 20:50]
+    )
     assert not nodes.sunlit[:, -1].any()
     plane = render_camera(part, camera_over(part, [0, 0, 5000.0], size=(1600, 1600)), sun)
     x, y, _ = np.moveaxis(part.frame.from_mcmf(plane.position_mcmf_m[plane.visible]), -1, 0)
@@ -317,18 +325,18 @@ def test_a_camera_under_the_ground():
 def test_a_sun_below_every_horizon():
     terrain = make(hills())
     with pytest.raises(SunError, match="below the horizon"):
-        render_enu(terrain, direction_enu(0, -3.0), nadir_view())
+        render_enu(terrain, direction_enu(0, -3.0), oblique_view(0.0, 0.0))
 
 
 def test_a_peak_sees_the_sun_below_its_horizontal():
     """From 3 km up the horizon dips by acos(R / (R + h)) = 3.4 deg."""
     y, x = np.mgrid[0:61, 0:61] - 30.0
     peak = make(3000.0 * np.exp(-(x**2 + y**2) / 20.0))
-    lit = render_enu(peak, direction_enu(90.0, -2.0), nadir_view()).sunlit
+    lit = render_enu(peak, direction_enu(90.0, -2.0), oblique_view(0.0, 0.0)).sunlit
     assert lit[30, 32]
     assert not lit[30, 20]
     with pytest.raises(SunError):
-        render_enu(peak, direction_enu(90.0, -4.0), nadir_view())
+        render_enu(peak, direction_enu(90.0, -4.0), oblique_view(0.0, 0.0))
 
 
 def test_the_ring_reaches_what_can_shadow():

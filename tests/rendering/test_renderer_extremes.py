@@ -16,7 +16,7 @@ import pytest
 from helpers.products import EQC, cylinder, geotiff
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import CameraView, looking_camera, nadir_view, oblique_view
+from lcp_catalog.cameras.view import CameraView, looking_camera, oblique_view
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.errors import CameraError, SunError
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
@@ -131,7 +131,7 @@ def test_a_balls_light_is_known(moons, tier):
         bend = math.degrees(gsd_m**2 / 6 * 3 * 0.82 / (R**2 * steep**5)) + 2e-4
         for angles in SUNS:
             sun = direction_enu(*angles)
-            result = render_enu(terrain, sun, nadir_view(), Method(accuracy=TIERS[tier]))
+            result = render_enu(terrain, sun, oblique_view(0.0, 0.0), Method(accuracy=TIERS[tier]))
             incidence = np.degrees(np.arccos(np.clip(normals @ sun, -1, 1)))
             emission = np.degrees(np.arccos(normals[..., 2]))
             close = 2e-4 if bend < 1e-3 else bend
@@ -154,16 +154,18 @@ def test_a_balls_light_is_known(moons, tier):
 @pytest.mark.parametrize("place", ["-180", "360", "by the pole, on 180"])
 def test_the_sun_overhead_is_no_cause_for_a_warning(moons, place):
     terrain = terrain_from_area(moons[0.0], Area(*PLACES[place], 0.02), 0.5)
-    render_enu(terrain, direction_enu(0.0, 90.0), nadir_view())
+    render_enu(terrain, direction_enu(0.0, 90.0), oblique_view(0.0, 0.0))
 
 
 @pytest.mark.parametrize("tier", TIERS)
 def test_a_ball_from_north_and_south_is_the_same_ball(moons, tier):
     """Half a turn about the zenith takes a Sun azimuth of 60 deg to 240 deg and turns the image."""
     terrain = terrain_from_area(moons[0.0], Area(0.0, 90.0, 400.0), 8192.0)
-    here = render_enu(terrain, direction_enu(60.0, 3.0), nadir_view(), Method(accuracy=TIERS[tier]))
+    here = render_enu(
+        terrain, direction_enu(60.0, 3.0), oblique_view(0.0, 0.0), Method(accuracy=TIERS[tier])
+    )
     there = render_enu(
-        terrain, direction_enu(240.0, 3.0), nadir_view(), Method(accuracy=TIERS[tier])
+        terrain, direction_enu(240.0, 3.0), oblique_view(0.0, 0.0), Method(accuracy=TIERS[tier])
     )
     np.testing.assert_array_equal(terrain.field.z_m, terrain.field.z_m[::-1, ::-1])
     np.testing.assert_array_equal(here.sunlit, there.sunlit[::-1, ::-1])
@@ -177,10 +179,16 @@ def test_the_sun_under_the_horizon(moons, tier):
     for below in (level + 0.01, 5.0, 30.0, 89.9, 90.0):
         with pytest.raises(SunError, match=r"below the horizon .* state another Sun"):
             render_enu(
-                terrain, direction_enu(45.0, -below), nadir_view(), Method(accuracy=TIERS[tier])
+                terrain,
+                direction_enu(45.0, -below),
+                oblique_view(0.0, 0.0),
+                Method(accuracy=TIERS[tier]),
             )
     edge = render_enu(
-        terrain, direction_enu(45.0, -0.5 * level), nadir_view(), Method(accuracy=TIERS[tier])
+        terrain,
+        direction_enu(45.0, -0.5 * level),
+        oblique_view(0.0, 0.0),
+        Method(accuracy=TIERS[tier]),
     )
     assert np.asarray(edge.sunlit)[1, -2] > 0  # what leans towards the Sun
     assert not np.asarray(edge.sunlit)[10:, :10].any()
@@ -227,7 +235,7 @@ def shapes() -> dict[str, np.ndarray]:
 
 SHAPES = shapes()
 VIEWS = {
-    "down": nadir_view(),
+    "down": oblique_view(0.0, 0.0),
     "level": oblique_view(89.999, 40.0),
     "1 m up": 1.0,
     "on a node": 0.0,
@@ -279,7 +287,7 @@ def test_a_suns_disc_has_shares(tier):
             result = render_enu(
                 terrain,
                 direction_enu(*angles),
-                nadir_view(),
+                oblique_view(0.0, 0.0),
                 Method(accuracy=TIERS[tier], disc=True),
             )
             share = np.asarray(result.sunlit)
@@ -334,7 +342,7 @@ def test_the_furthest_camera_still_meets_the_ground_and_not_its_own_shadow():
 @pytest.mark.parametrize("tier", TIERS)
 def test_threads_do_not_matter(tier):
     rough = made(np.random.default_rng(4).normal(size=(90, 70)) * 3)
-    for view in (nadir_view(), oblique_view(80.0, 10.0), oblique_view(60.0, 10.0, 500.0)):
+    for view in (oblique_view(0.0, 0.0), oblique_view(80.0, 10.0), oblique_view(60.0, 10.0, 500.0)):
         pictures = []
         for threads in (1, thread_limit()):
             with limit_threads(threads):

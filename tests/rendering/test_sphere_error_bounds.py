@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcp_catalog.accuracy import TIERS
-from lcp_catalog.cameras.view import CameraView, nadir_view, oblique_view
+from lcp_catalog.cameras.view import CameraView, oblique_view
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.sources import Lighting
@@ -69,10 +69,10 @@ HIGH_SUN = direction_enu(100.0, 50.0)
 
 
 def test_smooth_ground_is_a_sphere_and_rough_ground_is_not():
-    assert not decision(ground(), nadir_view(), HIGH_SUN).modelled
-    assert not decision(ground(2.0), nadir_view(), HIGH_SUN).modelled
-    assert decision(ground(30.0), nadir_view(), HIGH_SUN).modelled
-    assert decision(ground(1000.0), nadir_view(), HIGH_SUN).modelled
+    assert not decision(ground(), oblique_view(0.0, 0.0), HIGH_SUN).modelled
+    assert not decision(ground(2.0), oblique_view(0.0, 0.0), HIGH_SUN).modelled
+    assert decision(ground(30.0), oblique_view(0.0, 0.0), HIGH_SUN).modelled
+    assert decision(ground(1000.0), oblique_view(0.0, 0.0), HIGH_SUN).modelled
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_smooth_ground_is_a_sphere_and_rough_ground_is_not():
     ],
 )
 def test_what_forbids_the_sphere(change, why):
-    how = {"terrain": ground(), "view": nadir_view(), "sun": HIGH_SUN}
+    how = {"terrain": ground(), "view": oblique_view(0.0, 0.0), "sun": HIGH_SUN}
     assert not decision(**how).modelled
     assert decision(**(how | change)).modelled, why
 
@@ -95,11 +95,11 @@ def test_what_forbids_the_sphere(change, why):
 def test_far_terrain_may_throw_shadows_on_the_smoothest_ground():
     """The slopes of an area do not bound terrain beyond it, on other cells."""
     far = SimpleNamespace(highest_m=9e3, span_m=4e5)
-    assert decision(replace(ground(), far=far), nadir_view(), HIGH_SUN).modelled
+    assert decision(replace(ground(), far=far), oblique_view(0.0, 0.0), HIGH_SUN).modelled
 
 
 def test_what_is_not_looked_at_costs_everything():
-    how = (HIGH_SUN, nadir_view(), reflectance_model("lambert"), math.inf, GSD, 5e-3)
+    how = (HIGH_SUN, oblique_view(0.0, 0.0), reflectance_model("lambert"), math.inf, GSD, 5e-3)
     assert sphere_cost(ground(0.0, hole=True), *how) is None
     assert sphere_cost(ground(1000.0), *how) is None
     found = sphere_cost(ground(), *how)
@@ -115,11 +115,11 @@ def test_what_is_not_looked_at_costs_everything():
 
 
 def test_the_reason_says_what_the_sphere_costs():
-    chosen = decision(ground(2.0), nadir_view(), HIGH_SUN)
+    chosen = decision(ground(2.0), oblique_view(0.0, 0.0), HIGH_SUN)
     assert "turns normals by up to" in chosen.reason
     assert "within 0.005 and 0.1 pixels" in chosen.reason
     assert 0 < chosen.error_bound <= DRAFT.tolerance
-    kept = decision(ground(30.0), nadir_view(), HIGH_SUN)
+    kept = decision(ground(30.0), oblique_view(0.0, 0.0), HIGH_SUN)
     assert "the heightfield's own triangles; the plain sphere" in kept.reason
     assert kept.error_bound == 0.0
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from helpers.sphere_views import LAMBERT, WHOLE, R, far_camera, lit_from
 
-from lcp_catalog.cameras.view import nadir_view
+from lcp_catalog.cameras.view import oblique_view
 from lcp_catalog.constants import SOLAR_RADIUS_RAD
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
 from lcp_catalog.light.solar_disc import MEAN_SUN
@@ -41,7 +41,7 @@ def test_the_terminator_is_as_soft_as_the_sun_is_wide():
     window = NodeWindow(0, 1, -100, 101)
     for disc in (False, True):
         result = render_sphere_enu(
-            frame, window, gsd, lit_from(90.0, 0.0, disc), nadir_view(), model=LAMBERT
+            frame, window, gsd, lit_from(90.0, 0.0, disc), oblique_view(0.0, 0.0), model=LAMBERT
         )
         angle = np.arcsin(np.arange(-100, 101) * gsd / R)
         width = SOLAR_RADIUS_RAD if disc else 0.0
@@ -53,7 +53,7 @@ def test_the_terminator_is_as_soft_as_the_sun_is_wide():
 
 
 def test_several_sources_add():
-    frame, view = EnuFrame(0.0, 0.0), nadir_view()
+    frame, view = EnuFrame(0.0, 0.0), oblique_view(0.0, 0.0)
     one, two = (
         LightSource(direction_enu(90, 30)),
         LightSource(direction_enu(270, 50), 0.25, name="Earth"),
@@ -91,7 +91,9 @@ def test_the_side_of_the_sun_is_bright():
         }
         other = {"top": "bottom", "bottom": "top", "left": "right", "right": "left"}[side]
         assert halves[side].sum() > 10 * halves[other].sum()
-        nodes = render_sphere_enu(frame, WHOLE, 43e3, lit_from(azimuth, 5.0), nadir_view())
+        nodes = render_sphere_enu(
+            frame, WHOLE, 43e3, lit_from(azimuth, 5.0), oblique_view(0.0, 0.0)
+        )
         light = np.nan_to_num(nodes.radiance)
         halves = {
             "top": light[:40],

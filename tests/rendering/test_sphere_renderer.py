@@ -18,7 +18,6 @@ from lcp_catalog.cameras.view import (
     CameraView,
     camera_view,
     looking_camera,
-    nadir_view,
     oblique_view,
 )
 from lcp_catalog.errors import CameraError, SunError
@@ -263,7 +262,7 @@ def test_refusals():
     with pytest.raises(CameraError, match="the view: the camera is 1 m below"):
         render_sphere_enu(frame, WHOLE, 1e3, lit_from(0, 40), CameraView(np.array([0, 0, -1.0])))
     with pytest.raises(SunError, match="below the horizon at all visible points"):
-        render_sphere_enu(frame, window_of(9e3, 1e3), 1e3, lit_from(0, -5), nadir_view())
+        render_sphere_enu(frame, window_of(9e3, 1e3), 1e3, lit_from(0, -5), oblique_view(0.0, 0.0))
     with pytest.raises(SunError, match="below the horizon at all visible points"):
         render_sphere_camera(frame, far_camera(frame, pixels=8), lit_from(0, -90))
 

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lcp_cli.main import run
 
-from lcp_catalog.cameras.view import nadir_view
+from lcp_catalog.cameras.view import oblique_view
 from lcp_catalog.constants import MOON_RADIUS_M
 from lcp_catalog.dem.mosaic import DemSet
 from lcp_catalog.geometry.frames import EnuFrame, direction_enu
@@ -159,7 +159,9 @@ def test_the_plan_models_shadows_of_far_terrain(range_dem) -> None:
         ground, surroundings(ground, SunRays.all_around(math.tan(math.radians(0.5))))
     )
     for far, modelled in ((terrain.far, True), (None, False)):
-        plan = plan_scene(replace(terrain, far=far), direction_enu(90.0, 5.0), nadir_view())
+        plan = plan_scene(
+            replace(terrain, far=far), direction_enu(90.0, 5.0), oblique_view(0.0, 0.0)
+        )
         assert plan.cast_shadows.modelled == modelled
 
 
