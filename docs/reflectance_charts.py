@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from lcp_catalog.arrays import Array
 from lcp_catalog.photometry.laws import Reflectance, radiance_factor, reflectance_model
-from lcp_catalog.plots.axes import STYLES, Axes, Axis, Curve, Panel, polar_chart
+from lcp_catalog.plots.axes import Axes, Axis, Curve, Panel, polar_chart
 
 _PHASES_DEG = np.concatenate([np.linspace(0.0, 7.0, 15), np.linspace(8.0, 150.0, 72)])
 
@@ -84,7 +84,7 @@ def incidence_chart(
     emission angle, one curve for each of up to four incidences.
     """
     theta = np.linspace(-89.9, 89.9, 360)
-    styles = list(zip(incidences_deg, STYLES, strict=False))
+    styles = list(zip(incidences_deg, ("solid", "dashed", "thin", "dotted"), strict=False))
     curves = [
         Curve(theta, _in_plane(model, angle, theta), style, f"incidence {angle:g}°")
         for angle, style in styles

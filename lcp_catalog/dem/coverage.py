@@ -97,10 +97,6 @@ class SetCoverage:
     is_full_ring: bool
     crosses_antimeridian: bool
 
-    @property
-    def gap_km2(self) -> float:
-        return sum(band.gap_km2 for band in self.bands)
-
 
 @dataclass(frozen=True)
 class _Cells:

@@ -23,7 +23,7 @@ which the paper does not print: 1.46, the least squares of that normalisation ov
 The available text of table 2 lacks the columns psi, dpsi and w_B. The angles follow from the ends
 of the damaged rows: they are those of table 3. At 0, 40, 60, 70 deg w_B is that of table 3, because
 the regularisation changes neither the error there (5.63, 2.21, 3.76, 4.49 %) nor any other
-parameter. At 10, 20, 30 and 50 deg (`TABLE_2_LOST`) w_B is lost; the value of table 3 replaces it.
+parameter. At 10, 20, 30 and 50 deg w_B is lost; the value of table 3 replaces it.
 According to the printed D2, the curve of w_B grew by only 0.5 % in length.
 
 MODEL.toml: a facet model as readable text, with the data of its fit. Reading returns exactly the
@@ -323,7 +323,6 @@ def curves(nodes: Sequence[Node]) -> tuple[Array, Array]:
     return np.cos(rows[:, 0]), np.ascontiguousarray(rows[:, 1:].T)
 
 
-PAPER = "Labunets, Borzov, Akhmetov 2019, Opticheskii Zhurnal 86 (10) 20-29"
 OPTICS = Optics(n=1.46)
 
 TABLE_1 = {
@@ -341,9 +340,6 @@ TABLE_2 = (
     (60, 1.054, 9, 0.100, 1.596, 5, 0.900),
     (70, 1.427, 5, 0.095, 0.501, 3, 0.950),
 )
-TABLE_2_LOST = (10, 20, 30, 50)
-"""Incidences at which w_B of `TABLE_2` is replaced by that of table 3."""
-
 TABLE_3 = (
     (0, 2.439, 50, 0.250, 1.050, -9, 0.820),
     (10, 0.963, 29, 0.213, 1.059, -3, 0.875),

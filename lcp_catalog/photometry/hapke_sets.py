@@ -44,7 +44,6 @@ class HapkeSet:
     h_c: float = 1.0
     filling: float = 0.0
     theta_bar_deg: float = _THETA_DEG
-    source: str = ""
 
     def __post_init__(self) -> None:
         inside = {
@@ -100,51 +99,27 @@ def backward_share(b: float) -> float:
     return 3.29 * math.exp(-17.4 * b * b) - 0.908
 
 
-def _from_trends(name: str, w: float, b: float, h_s: float, source: str) -> HapkeSet:
+def _from_trends(name: str, w: float, b: float, h_s: float) -> HapkeSet:
     """A set at 643 nm with c and B_S0 from the paper's trends, equations 2 and 4."""
     bare = HapkeSet(name, w, b, backward_share(b), 0.0, h_s)
     surge = (2.459 * w + 0.078) / (w * bare.phase(1.0))
-    return HapkeSet(name, w, b, backward_share(b), surge, h_s, source=source)
+    return HapkeSet(name, w, b, backward_share(b), surge, h_s)
 
 
 SETS = {
     found.name: found
     for found in (
-        _from_trends(
-            "wac-643",
-            0.3854,
-            0.2375,
-            0.0672,
-            "medians of w, b, h_S of the WAC 643 nm maps over 30 S to 30 N; c, B_S0 by eq. 2, 4. Read in the documentation of "
-            "the Moon of layoutit/css.earth, which prints c 0.3253, B_S0 1.686",
-        ),
-        HapkeSet(
-            "wac-643-mare",
-            0.222,
-            0.254,
-            0.160,
-            1.993,
-            0.0597,
-            source="cell of Tranquility Base (23.5 E, 0.5 N) of the WAC 643 nm maps, all five as fitted. Read in the "
-            "documentation of a lighting study of Apollo 11 photographs that prints the cell",
-        ),
-        HapkeSet(
-            "wac-566-mare",
-            0.188,
-            0.254,
-            0.158,
-            2.134,
-            0.0623,
-            source="the same cell of the WAC 566 nm maps, from the same document",
-        ),
-        _from_trends(
-            "wac-643-highland",
-            0.44,
-            0.23,
-            0.074,
-            "put together: b and h_S that the paper prints for the highlands (section 3.4), w the 84th percentile of the 643 nm "
-            "map over 30 S to 30 N, c, B_S0 by eq. 2, 4. Read in the documentation of layoutit/css.earth",
-        ),
+        # medians of w, b, h_S of the WAC 643 nm maps over 30 S to 30 N; c, B_S0 by eq. 2, 4. Read in the documentation of the
+        # Moon of layoutit/css.earth, which prints c 0.3253, B_S0 1.686
+        _from_trends("wac-643", 0.3854, 0.2375, 0.0672),
+        # cell of Tranquility Base (23.5 E, 0.5 N) of the WAC 643 nm maps, all five as fitted. Read in the documentation of a
+        # lighting study of Apollo 11 photographs that prints the cell
+        HapkeSet("wac-643-mare", 0.222, 0.254, 0.160, 1.993, 0.0597),
+        # the same cell of the WAC 566 nm maps, from the same document
+        HapkeSet("wac-566-mare", 0.188, 0.254, 0.158, 2.134, 0.0623),
+        # put together: b and h_S that the paper prints for the highlands (section 3.4), w the 84th percentile of the 643 nm map
+        # over 30 S to 30 N, c, B_S0 by eq. 2, 4. Read in the documentation of layoutit/css.earth
+        _from_trends("wac-643-highland", 0.44, 0.23, 0.074),
     )
 }
 

@@ -57,20 +57,16 @@ class SurfacePhase:
     h: float
     c: float
     asymmetry: float
-    source: str
 
-
-_SELENE = (
-    "group of the Spectral Profiler of SELENE at 644.6 nm: Y. Yokota et al., Icarus 215 (2011) 639, supporting information, as "
-    "distributed with the code of T. Kouyama et al. (2016), TKouyama/SP_LunarCal_example"
-)
 
 SURFACES = {
-    "sp-low": SurfacePhase(0.045, 1.657, 0.0735, -0.053, 0.208, f"low albedo {_SELENE}"),
-    "sp-mid": SurfacePhase(0.064, 1.347, 0.0565, -0.053, 0.227, f"middle albedo {_SELENE}"),
-    "sp-high": SurfacePhase(0.094, 1.087, 0.0850, -0.183, 0.210, f"high albedo {_SELENE}"),
+    "sp-low": SurfacePhase(0.045, 1.657, 0.0735, -0.053, 0.208),
+    "sp-mid": SurfacePhase(0.064, 1.347, 0.0565, -0.053, 0.227),
+    "sp-high": SurfacePhase(0.094, 1.087, 0.0850, -0.183, 0.210),
 }
-"""For the lunar-Lambert model with McEwen's L(g), with which they were fitted; phase 5 to 85 deg.
+"""For the lunar-Lambert model with McEwen's L(g), with which they were fitted; phase 5 to 85 deg. Low, middle and high albedo
+group of the Spectral Profiler of SELENE at 644.6 nm: Y. Yokota et al., Icarus 215 (2011) 639, supporting information, as
+distributed with the code of T. Kouyama et al. (2016), TKouyama/SP_LunarCal_example.
 """
 
 DEFAULT_SURFACE = "sp-mid"
@@ -87,7 +83,6 @@ class DiscPhase:
     d: tuple[float, float, float]
     p: tuple[float, float, float, float]
     last_deg: float
-    source: str
 
 
 DISCS = {
@@ -96,12 +91,11 @@ DISCS = {
         d=(0.37141, -0.13514, 0.01248),
         p=(4.06054, 12.8802, -30.5858, 16.7498),
         last_deg=97.0,
-        source="H. H. Kieffer, T. C. Stone, AJ 129 (2005) 2887, table 4, 665.1 nm; coefficients from a plot by J. Hollan, who "
-        "has them from T. Stone. Measured from 1.55 to 97 deg of phase",
     )
 }
 """For Lommel-Seeliger's model: a sphere has the measured brightness of the Moon's disc, up to the
-last measured phase."""
+last measured phase. H. H. Kieffer, T. C. Stone, AJ 129 (2005) 2887, table 4, 665.1 nm; coefficients from a plot by J. Hollan,
+who has them from T. Stone. Measured from 1.55 to 97 deg of phase."""
 
 
 def surface_law(name: str) -> tuple[float, ...]:

@@ -101,9 +101,6 @@ class Axes:
         return drawing("chart", self, x_ticks, y_ticks, inside, label, style, css)
 
 
-STYLES = ("solid", "dashed", "thin", "dotted")
-"""Line styles (CSS classes) of the curves; ``dots`` marks measurements."""
-
 _RADIUS = 190.0
 _PANEL = (470.0, 300.0)
 _STYLE = """
@@ -119,7 +116,9 @@ svg{background:#fff;font:13px system-ui,sans-serif;fill:#333}
 
 @dataclass(frozen=True)
 class Curve:
-    """Values (n,) at angles theta in degrees (n,): a line of one of `STYLES`, or ``dots``."""
+    """Values (n,) at angles theta in degrees (n,): a line, solid, dashed, thin or dotted, or the ``dots`` of
+    measurements (CSS classes).
+    """
 
     theta_deg: Array
     values: Array

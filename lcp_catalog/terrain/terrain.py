@@ -10,7 +10,6 @@ a node's height does not depend on the window.
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -265,6 +264,3 @@ def _solve(
 def _require_gsd(gsd_m: float) -> None:
     if not 0.0 < gsd_m < math.inf:
         raise AreaError(f"invalid cell size {gsd_m:g} m; `gsd_m` must be positive")
-
-
-log = logging.getLogger(__name__)

@@ -84,8 +84,6 @@ NO_APPROXIMATIONS = {
         "SINGLE_SCATTERING_ALBEDO SURFACES TABLE_1 TABLE_2 TABLE_3 WEIGHT _BLOCK_ROWS _DENSEST "
         "_GAIN _GAP_DEG _LEVEL_DEG _NO_CONTRAST _RANGES "
         "_SAMPLE_NODES _STARTS _STEPS _SWEEPS _THETA_DEG _UNIT "
-        # tables of whole numbers
-        "TABLE_2_LOST "
         # 2 to 4: starts of a fit that are refined: as good as five
         "_REFINED"
     ),
