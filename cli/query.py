@@ -238,7 +238,7 @@ def _cures(asked: Asked, answer: Answer) -> str:
 
 def _along(asked: Asked, plot: str | None, title: str) -> None:
     """The answers for the frames of a trajectory, written as they come."""
-    from lcp_catalog.atomic_files import write_aside, write_bytes
+    from lcp_catalog.atomic_files import write_bytes, write_lines
     from lcp_catalog.navigation import documents
     from lcp_catalog.navigation.documents import TrajectoryChart
 
@@ -249,11 +249,7 @@ def _along(asked: Asked, plot: str | None, title: str) -> None:
             if not asked.as_json:
                 echo(line)
     else:
-        with (
-            write_aside(asked.output, asked.overwrite) as aside,
-            aside.open("w", encoding="utf-8", newline="") as file,
-        ):
-            file.writelines(documents.frames_csv(found))
+        write_lines(asked.output, documents.frames_csv(found), asked.overwrite)
     for line in [*chart.summary(), *asked.lacking]:
         echo(in_options(line), err=asked.as_json)
     if plot is not None:

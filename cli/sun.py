@@ -85,13 +85,9 @@ def command(
 
     table = sun_at(place, when, height_m=height_m, dem=dems or None, gsd_m=gsd_m)
     if output is not None:
-        from lcp_catalog.atomic_files import write_aside
+        from lcp_catalog.atomic_files import write_lines
 
-        with (
-            write_aside(output, overwrite) as aside,
-            aside.open("w", encoding="utf-8", newline="\n") as file,
-        ):
-            file.writelines(table.csv_lines())
+        write_lines(output, table.csv_lines(), overwrite)
     if as_json:
         _say(table.json_lines())
     elif output is None:

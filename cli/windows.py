@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,7 +12,7 @@ from lcp_catalog.choices import SITE_KM
 from . import options
 from .build_options import field_option
 from .files import FileCommand
-from .groups import collected
+from .groups import option_group
 from .messages import echo, say
 from .progress import progress
 from .sun import range_of
@@ -23,20 +22,7 @@ if TYPE_CHECKING:
     from lcp_catalog.navigation.site_windows import SiteWindows
 
 
-@dataclass(frozen=True)
-class SiteOptions:
-    """Whose points count: those of a square as seen from one direction, or those in the image of a camera."""
-
-    size_km: float | None
-    gsd_m: float | None
-    off_nadir: float | None
-    view_azimuth: float | None
-    camera: str | None
-
-
-site_options = collected(
-    "site",
-    SiteOptions,
+site_options = option_group(
     field_option(
         "area.gsd_m",
         help="Size of the image's pixel on the ground; default: the cell size of each point.",
@@ -53,6 +39,7 @@ site_options = collected(
         "Camera that stays at its place: the points in its image, and the expected accuracy of its position."
     ),
 )
+"""Whose points count: those of a square as seen from one direction, or those in the image of a camera."""
 
 
 @click.command(
@@ -88,7 +75,11 @@ def command(
     as_json: bool,
     output: str | None,
     overwrite: bool,
-    site: SiteOptions,
+    size_km: float | None,
+    gsd_m: float | None,
+    off_nadir: float | None,
+    view_azimuth: float | None,
+    camera: str | None,
 ) -> None:
     """List the intervals of time in which a site has enough usable points.
 
@@ -105,11 +96,11 @@ def command(
             opened,
             center,
             range_of(span),
-            size_km=site.size_km,
-            gsd_m=site.gsd_m,
-            off_nadir_deg=site.off_nadir,
-            view_azimuth_deg=site.view_azimuth,
-            camera=site.camera,
+            size_km=size_km,
+            gsd_m=gsd_m,
+            off_nadir_deg=off_nadir,
+            view_azimuth_deg=view_azimuth,
+            camera=camera,
             progress=update,
         )
     intervals = found.intervals(min_points)

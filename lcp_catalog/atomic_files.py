@@ -325,6 +325,15 @@ def write_bytes(path: Path | str, content: bytes | memoryview, overwrite: bool =
         aside.write_bytes(content)
 
 
+def write_lines(path: Path | str, lines: Iterable[str], overwrite: bool = False) -> None:
+    """Write a text, whose lines have their ends, as `write_aside` does, as the lines come."""
+    with (
+        write_aside(path, overwrite) as aside,
+        aside.open("w", encoding="utf-8", newline="") as file,
+    ):
+        file.writelines(lines)
+
+
 def write_files(files: Mapping[Path, bytes] | Mapping[str, bytes], overwrite: bool = False) -> None:
     """Write all files, or none of them if one cannot be written. The first appears last."""
     with ExitStack() as stack:

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..arrays import AnyArray, Array, Index
-from ..atomic_files import csv_lines, write_aside
+from ..atomic_files import csv_lines, write_lines
 from ..errors import not_a, package
 from ..landmarks.selection import Places, nearest
 from .catalogue import Catalog
@@ -204,10 +204,9 @@ class Comparison:
     def write_table(self, path: Path | str, overwrite: bool = False) -> None:
         """Write all points that differ as CSV, one a line: id, kind of difference, place, former id and
         distance of a move, and a column for each variable that differs. Errors as
-        `atomic_files.write_aside`.
+        `atomic_files.write_lines`.
         """
-        with write_aside(path, overwrite) as aside, aside.open("w", newline="") as file:
-            file.writelines(csv_lines(self._rows()))
+        write_lines(path, csv_lines(self._rows()), overwrite)
 
     def to_dataframe(self) -> Any:
         """All points that differ as a pandas.DataFrame with the columns of `write_table`, indexed by ``point_id``.
