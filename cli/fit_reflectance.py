@@ -101,11 +101,11 @@ def command(
     from lcp_catalog.atomic_files import write_files
     from lcp_catalog.photometry.facet_fit import (
         fit_chart,
-        fit_file,
         fit_reflectance,
+        fit_table,
         read_measurements,
     )
-    from lcp_catalog.photometry.facet_model import ALBEDO, Optics
+    from lcp_catalog.photometry.facet_model import ALBEDO, FacetFile, Optics
 
     (index, extinction), (degree, angle_deg) = refractive_index, polarisation
     optics = Optics(index, extinction, degree, angle_deg)
@@ -124,7 +124,7 @@ def command(
             name=name or Path(output).stem,
             progress=update,
         )
-    texts = {output: fit_file(fit, measurements).to_toml()}
+    texts = {output: FacetFile(fit.model, fit_table(fit, measurements)).to_toml()}
     if chart is not None:
         texts[chart] = fit_chart(fit, measurements)
     write_files({path: text.encode("utf-8") for path, text in texts.items()}, overwrite)

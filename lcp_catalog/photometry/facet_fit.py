@@ -57,7 +57,6 @@ from .facet_model import (
     ALBEDO,
     LIMITS,
     PARAMETERS,
-    FacetFile,
     FacetModel,
     Node,
     Optics,
@@ -406,11 +405,6 @@ def fit_table(fit: Fit, measurements: Measurements) -> dict[str, Any]:
         "sweeps": fit.sweeps,
         "alone": nodes_table(fit.alone),
     }
-
-
-def fit_file(fit: Fit, measurements: Measurements) -> FacetFile:
-    """The model with the data of its fit, as written to MODEL.toml."""
-    return FacetFile(fit.model, fit_table(fit, measurements))
 
 
 def fit_sample(task: _FitTask, which: int) -> Array:
