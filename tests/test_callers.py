@@ -19,11 +19,9 @@ CALLED_BY_OTHERS = """
     compile_extra get_pointer_to_function serialize_using_object_code _Model
     _optimize_final_module _finalize_final_module cache_path load_overload save_overload on_start on_end
     from_spice sel to_geodataframe
-    POLAR_ERROR STYLES TABLE_2_LOST nadir_view
+    POLAR_ERROR
 """
-"""Names that Python, click, numba or a user looks for; a bound, a table's gap and styles that pages and tests quote, and the
-tests' own view.
-"""
+"""Names that Python, click, numba or a user looks for, and a bound that a page and tests quote."""
 
 
 def defined(body: list[ast.stmt]) -> Iterator[tuple[str, ast.stmt]]:
