@@ -13,7 +13,6 @@ from typing import Any
 import h5py
 import numpy as np
 import rasterio
-from helpers.verified import verify
 
 from lcp_catalog.catalog import integrity
 from lcp_catalog.catalog.catalogue import Catalog, values
@@ -34,6 +33,8 @@ from lcp_catalog.geometry.map_plane import EQUIRECTANGULAR
 from lcp_catalog.landmarks.selection import Places
 from lcp_catalog.production.region_maps import coverage_cells
 from lcp_catalog.terrain.area import Area
+
+from .verified import verify
 
 HADLEY = Path(__file__).resolve().parents[2] / "sample_data" / "hadley_gld100_256ppd.tif"
 CENTER = (3.5, 26.0)
