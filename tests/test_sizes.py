@@ -44,7 +44,7 @@ BUDGETS = {
     # 33 took away 295
     "code lines, cli": 4165,
     # 45 000; 36: 275 regions in one pass and in two beside the strong pipeline, and what two passes cost
-    "words of docs": 45275,
+    "words of docs": 45000,
     "words of the changelog": 1000,
     "class names of several classes": 0,
     "starred calls of our own functions": 10,
