@@ -6,7 +6,7 @@ a straightforward one (`pipeline`), regions, and whole builds beside another com
     python -m benchmarks.speed build commit --against 4e256b5 --size 60
 
 Areas run on one thread, in turn; ratios are medians over the rounds. Seconds are processor time, so that other processes of the
-machine count less. The output is Markdown. All parts take half an hour.
+machine count less. The output is Markdown. All parts take an hour and a half.
 """
 
 from __future__ import annotations
