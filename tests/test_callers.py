@@ -1,5 +1,8 @@
-"""Every function, constant, method and field of the product is read by the product: a rule that nobody asks for holds in its own
-tests alone. Two rules were lost so in November 2026 (dee11448, e295ed7c).
+"""Names that the product defines and does not read: a rule that nobody asks for holds in its own tests alone. Two rules were lost
+so in November 2026 (dee11448, e295ed7c).
+
+Names alone are compared. What shares its name with something else, loses one of two callers, or is asked with wrong values is
+not noticed: a rule that a page states needs a test through a command.
 """
 
 from __future__ import annotations

@@ -36,9 +36,9 @@ BUDGETS = {
     # limits where nothing changes
     # 38: 2480 cameras from SPICE and CCSDS, Python and notebooks, cures, files on servers, wrong calls
     # 39: 520 flight files, STAC items
-    # 40: 46 wrong values of Python functions that ran on, or ended within numpy; heights in feet; far Suns; settings of a search
+    # 40: 49 wrong values of Python functions that ran on, or ended within numpy; heights in feet; far Suns; settings of a search
     # 33 took away 331
-    "code lines, lcp_catalog": 50015,
+    "code lines, lcp_catalog": 50018,
     # 3570; 34: 80 signals, advice for memory; 35: 44 their option and line of a plan; 36: 148 warm-up, parts of two passes, an
     # index as an input; 37: 80 budgets, switches; 38: 447 cameras, help and examples, silence, stages; 39: 90 flight files;
     # 33 took away 295

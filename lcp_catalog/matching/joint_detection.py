@@ -50,12 +50,15 @@ from .point_choice import patch_width_px, reduction, searched_first
 from .search_area import search_reach_px, slack_px
 
 
-def at_least_found(probability: ArrayLike, common_variance: float = COMMON_VARIANCE) -> Array:
-    """Probabilities (n + 1,) that at least 0, 1, ... n of n points are found, whose probabilities are (n,).
+def at_least_found(
+    probability: ArrayLike, common_variance: float = COMMON_VARIANCE, most: int | None = None
+) -> Array:
+    """Probabilities (n + 1,) that at least 0, 1, ... n of n points are found, whose probabilities are (n,); of at most ``most``
+    points (None: all).
 
     Probabilities are kept half a step of their storage from 0 and 1. ValueError for NaN.
     """
-    return np.asarray(np.clip(WEIGHTS @ _tails(probability, common_variance), 0.0, 1.0))
+    return np.asarray(np.clip(WEIGHTS @ _tails(probability, common_variance, most), 0.0, 1.0))
 
 
 def _inside(probability: ArrayLike) -> Array:
@@ -67,18 +70,21 @@ def _inside(probability: ArrayLike) -> Array:
     return np.asarray(p)
 
 
-def _tails(probability: ArrayLike, common_variance: float = COMMON_VARIANCE) -> Array:
-    """Probabilities (15, n + 1) that at least 0, 1, ... n points are found, at the nodes of the common factor."""
+def _tails(
+    probability: ArrayLike, common_variance: float = COMMON_VARIANCE, most: int | None = None
+) -> Array:
+    """Probabilities (15, k + 1) that at least 0, 1, ... k of n points are found, at the nodes of the common factor; k is n, or
+    ``most`` if that is less.
+    """
     probit = ndtri(_inside(probability))
     moved = probit + np.sqrt(common_variance) * NODES[:, None]
     chance = ndtr(moved / np.sqrt(1.0 - common_variance))  # (15, n)
-    count = np.zeros((len(NODES), len(probit) + 1))
-    count[:, 0] = 1.0
-    for k in range(len(probit)):
-        hit = chance[:, k : k + 1]
-        count[:, 1 : k + 2] = count[:, 1 : k + 2] * (1.0 - hit) + count[:, : k + 1] * hit
-        count[:, :1] *= 1.0 - hit
-    return np.asarray(np.cumsum(count[:, ::-1], axis=1)[:, ::-1])
+    last = len(probit) if most is None else min(most, len(probit))
+    tails = np.zeros((len(NODES), last + 1))
+    tails[:, 0] = 1.0
+    for hit in chance.T[:, :, None]:
+        tails[:, 1:] += hit * (tails[:, :-1] - tails[:, 1:])
+    return tails
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +108,8 @@ class JointDetection:
 
     def of_numbers(self, most: int) -> dict[str, float]:
         """Probability that at least 1, 2, ... points are found, by number, of at most so many."""
-        at_least = at_least_found(self.probability)
-        return {str(k): float(p) for k, p in enumerate(at_least[: most + 1]) if k}
+        at_least = at_least_found(self.probability, most=most)
+        return {str(k): float(p) for k, p in enumerate(at_least) if k}
 
 
 def joint_detection(

@@ -73,6 +73,14 @@ def test_no_points() -> None:
     assert JointDetection(np.zeros(0)).of_numbers(3) == {}
 
 
+@pytest.mark.parametrize("most", [1, 5, len(CLAIMS), 100])
+def test_a_few_numbers_are_those_of_all(most: int) -> None:
+    every = at_least_found(CLAIMS)[1 : most + 1]
+    told = JointDetection(CLAIMS).of_numbers(most)
+    assert list(told) == [str(k + 1) for k in range(len(every))]
+    np.testing.assert_allclose(list(told.values()), every, atol=1e-12)
+
+
 def test_a_claim_that_is_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="not a number"):
         at_least_found([0.5, math.nan])

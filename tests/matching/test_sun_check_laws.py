@@ -20,7 +20,7 @@ from lcp_catalog.matching import sun_check
 from lcp_catalog.matching.point_choice import points_in_view
 from lcp_catalog.matching.point_search import Criteria, SearchImage
 from lcp_catalog.matching.sun_check import MatchedPoints, check_sun, with_sun
-from lcp_catalog.matching.sun_verdict import SunCheck
+from lcp_catalog.matching.sun_verdict import FAR_TURNS_DEG, SunCheck
 from lcp_catalog.photometry.laws import reflectance_model
 
 SEARCHED = reflectance_model("lommel-seeliger")
@@ -187,3 +187,21 @@ def test_a_high_suns_elevation_may_fit_under_the_law_of_a_rough_surface_or_with_
     assert check.best_raise_deg == pytest.approx(8.0, abs=0.01)
     assert check.elevation_fits == fits
     assert check.fits
+
+
+def test_far_suns_have_their_own_rule_where_they_are_searched(world, points, monkeypatch) -> None:
+    """Six of ten points correlate a little better under every other Sun: too few for a near one, enough for a far one."""
+    monkeypatch.setattr(sun_check, "LAWS", ())
+    photo = world.photo(overhead(), (100.0, 30.0), law=SEARCHED)
+    rows = points_in_view(points, photo.sensor)[:10]
+
+    def search_for(*_: object):
+        def search(moved: Image, _law, some: np.ndarray, _power: float):
+            other = moved is not photo
+            better = np.where(some % 5 < 3, 0.01, -0.01) * other
+            return 0.8 + better, np.full((len(some), 2), 0.5 * other)
+
+        return search
+
+    assert check_sun(search_for, points, rows, photo, SEARCHED).fits
+    assert not check_sun(search_for, points, rows, photo, SEARCHED, turns_deg=FAR_TURNS_DEG).fits
