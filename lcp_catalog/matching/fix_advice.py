@@ -25,7 +25,7 @@ def advised(
     """The result of a search over ``sigmas`` times the uncertainty, with what would help in its reason.
 
     A place is not refuted by an image that is smaller than the search's reach (the ground in the image may
-    hold none of the points), nor by fewer than `FEWEST` points, which all together show no place: the verdict is then `CANNOT_SAY`.
+    hold none of the points), nor by fewer than `FEWEST` points (so few together cannot show one): the verdict is then `CANNOT_SAY`.
     """
     if located.pose is not None:
         return located
